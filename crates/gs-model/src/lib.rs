@@ -83,6 +83,8 @@ pub mod model;
 pub mod nerf;
 #[cfg(feature = "cameras")]
 mod nerfstudio;
+#[cfg(feature = "files")]
+mod order;
 #[cfg(feature = "cameras")]
 mod photos;
 #[cfg(feature = "files")]
@@ -112,6 +114,8 @@ pub use dataset::Dataset;
 pub use error::{Error, Result};
 #[cfg(feature = "files")]
 pub use format::Format;
+#[cfg(feature = "files")]
+pub use order::morton_order;
 #[cfg(feature = "cameras")]
 pub use photos::photos_beside;
 #[cfg(feature = "files")]

@@ -73,6 +73,8 @@ impl Tune {
         looked: impl FnMut(usize, usize),
     ) -> Result<Self> {
         scene.validate()?;
+        // What a view shows lies together in memory.
+        let scene = scene.select(&gs_model::morton_order(&scene.means));
         if let Target::Psnr(db) = options.target
             && !db.is_finite()
         {

@@ -124,6 +124,8 @@ impl Train {
         }
         finetune::check_views(&views)?;
         let scene = begin::begin(points, sh_degree);
+        // What a view shows lies together in memory. Later Gaussians are added in the order of their hosts.
+        let scene = scene.select(&gs_model::morton_order(&scene.means));
         let told = format!("train {} {cap} {pixels} {seed}", options.steps);
         let fingerprint = fingerprint(&scene, &views, &told);
         let coarse: Vec<TrainView> = views.iter().map(|view| smaller(view, pixels)).collect();

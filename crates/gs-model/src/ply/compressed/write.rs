@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use super::layout::{pack, pack_rotation, sh_byte, step};
 use super::{BOUNDS, CHUNK, WORDS};
 use crate::error::{Error, Result};
+use crate::order::morton_order;
 use crate::ply::columns::rest_names;
 use crate::ply::write::{element, header_of};
 use crate::scene::{SH_C0, Scene, bounds_of};
@@ -94,18 +95,4 @@ fn parts([low, high]: [[f32; 3]; 2], values: [f32; 3]) -> [f64; 3] {
         let [low, high, v] = [low[k], high[k], values[k]].map(f64::from);
         if high > low { (v - low) / (high - low) } else { 0.0 }
     })
-}
-
-/// The indices of points, sorted along a Morton curve of 2^21 steps along each axis of their bounds.
-fn morton_order(means: &[[f32; 3]]) -> Vec<usize> {
-    let bounds = bounds_of(means.iter().copied());
-    let key = |i: usize| {
-        let steps = parts(bounds, means[i]).map(|t| u64::from(step(t, 21)));
-        let bit = |b: u32, k: usize| (steps[k] >> b & 1) << (3 * b + k as u32);
-        (0..21).map(|b| bit(b, 0) | bit(b, 1) | bit(b, 2)).sum::<u64>()
-    };
-    let mut order: Vec<(u64, usize)> =
-        (0..means.len()).into_par_iter().map(|i| (key(i), i)).collect();
-    order.par_sort_unstable();
-    order.into_iter().map(|(_, i)| i).collect()
 }
