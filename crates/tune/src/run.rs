@@ -67,14 +67,14 @@ impl Tune {
     /// # Errors
     /// Those of [`Tune::new`].
     pub fn with_progress(
-        scene: Scene,
+        mut scene: Scene,
         views: Vec<TrainView>,
         options: TuneOptions,
         looked: impl FnMut(usize, usize),
     ) -> Result<Self> {
         scene.validate()?;
         // What a view shows lies together in memory.
-        let scene = scene.select(&gs_model::morton_order(&scene.means));
+        scene = scene.select(&gs_model::morton_order(&scene.means));
         if let Target::Psnr(db) = options.target
             && !db.is_finite()
         {

@@ -31,7 +31,7 @@ pub struct SceneOptimiser {
     scene: Scene,
     /// Adam's moments, row after row.
     pub moments: AdamMoments,
-    /// For each row the number of the step that it is up to date with; 0 if no view has shown it.
+    /// For each row the number of the step that it is up to date with; 0 at first.
     pub last: Vec<u32>,
     /// Number of the last step, and what its rates were multiplied by.
     pub made: (u64, f32),
@@ -65,8 +65,7 @@ impl SceneOptimiser {
     pub fn settle(&mut self) {
         let (rates, number) = (self.row_rates(self.made.1), self.made.0 as u32);
         let Self { scene, moments, last, .. } = self;
-        let moved: Vec<bool> = last.iter().map(|&last| last > 0).collect();
-        catch_up([number; 2], &rates, scene_chunks(scene), moments, last, |i| moved[i]);
+        catch_up([number; 2], &rates, scene_chunks(scene), moments, last, |_| true);
     }
 
     /// Takes the scene out, after the last step.

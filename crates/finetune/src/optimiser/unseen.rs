@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use super::{AdamMoments, BETA1, BETA2, CHUNK, EPSILON, RowChunk, TASK};
 
 /// Makes the steps that rows have missed up to step `made`, for the rows that are `due`. `last` has for each row the
-/// step that it is up to date with, or 0 if it has no moments; for the rows that are due it becomes `mark`. `rates` are
+/// step that it is up to date with, 0 at first; for the rows that are due it becomes `mark`. `rates` are
 /// those of now: a few steps before they were nearly the same.
 pub(super) fn catch_up<C: RowChunk>(
     [made, mark]: [u32; 2],
