@@ -116,7 +116,8 @@ fn run(cli: &Cli) -> anyhow::Result<()> {
     match &cli.command {
         Command::Encode(args) => encode::run(args, report),
         Command::Decode(args) => decode::run(args, report),
-        Command::Tune(args) => tune::run(args, report),
+        // On a thread of the pool, which then starts its many short tasks without a change of thread.
+        Command::Tune(args) => rayon::scope(|_| tune::run(args, report)),
         Command::Info(args) => info::run(args, report),
         Command::Render(args) => render::run(args, report),
         Command::Compare(args) => compare::run(args, report),
