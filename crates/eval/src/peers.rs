@@ -1,12 +1,15 @@
-//! Formats of other projects, as gs-model writes them: measured on the same model as gsvx, on any scene.
+//! Formats of other projects, written here: measured on the same model as gsvx, on any scene.
+
+pub(crate) mod lgsc;
 
 use anyhow::Result;
 use gs_model::spz::{self, ShBits};
 use gs_model::{CLAMPED_OPACITY_LOGIT, Format, Invalid, ReadOptions, Scene, model};
 
 use crate::cache::Cache;
+use crate::measure;
+use crate::progress::Bar;
 use crate::published::{Other, OtherPoint};
-use crate::round_trip::round_trip;
 use crate::scenes::TestScene;
 
 /// Bits of SH coefficients of degree 1 and of the others, which are the rate of SPZ. 5 and 4 are the default of
@@ -41,6 +44,12 @@ pub(crate) fn curves(cache: &Cache, scene: &TestScene, known: &[Other]) -> Resul
         let points = vec![point(cache, scene, COMPRESSED, "", write)?];
         out.push(Other { name: "PlayCanvas compressed PLY".into(), source: SOURCE.into(), points });
     }
+    let at = |level: usize| {
+        let label = format!("level {level}");
+        measured(cache, scene, "L-GSC", &label, || lgsc::code(&scene.model, lgsc::LEVELS[level]))
+    };
+    let points = (0..lgsc::LEVELS.len()).map(at).collect::<Result<Vec<_>>>()?;
+    out.push(Other { name: "L-GSC".into(), source: SOURCE.into(), points });
     Ok(out)
 }
 
@@ -53,7 +62,7 @@ fn point(
     label: &str,
     write: impl FnOnce(&Scene) -> Result<Vec<u8>>,
 ) -> Result<OtherPoint> {
-    let read = |bytes: &[u8]| {
+    let read = |bytes: &[u8]| -> Result<Scene> {
         // Opacities of 0 and 1 come as infinite logits: such Gaussians are transparent or opaque, not broken.
         let options = ReadOptions {
             invalid: Invalid::Drop,
@@ -62,11 +71,27 @@ fn point(
         };
         Ok(model::read_named(file, bytes, &options)?.0)
     };
-    cache.run("peer", &(file, label), || {
-        let name = format!("{file} {label}");
-        let trip = round_trip(name.trim(), &scene.held_out, || write(&scene.model), read)?;
-        let bytes = trip.stream.len() as u64;
-        let (psnr_db, ssim) = (trip.score.psnr_db, Some(trip.score.ssim));
+    measured(cache, scene, file, label, || {
+        let stream = write(&scene.model)?;
+        let decoded = read(&stream)?;
+        Ok((stream, decoded))
+    })
+}
+
+/// The point of a stream and what it decodes to.
+fn measured(
+    cache: &Cache,
+    scene: &TestScene,
+    name: &str,
+    label: &str,
+    code: impl FnOnce() -> Result<(Vec<u8>, Scene)>,
+) -> Result<OtherPoint> {
+    cache.run("peer", &(name, label), || {
+        let (stream, decoded) = code()?;
+        let bar = Bar::new(&format!("render {name} {label}"), scene.held_out.len() as u64);
+        let (score, _) = measure::score(&decoded, &scene.held_out, &bar);
+        bar.done();
+        let (bytes, psnr_db, ssim) = (stream.len() as u64, score.psnr_db, Some(score.ssim));
         Ok(OtherPoint { label: label.to_owned(), bytes, psnr_db, ssim })
     })
 }

@@ -1,4 +1,4 @@
-//! Points of other codecs: those of `data/published.json`, which were published or measured once, and those recorded
+//! Points of other codecs: those of `data/published.json`, which were published, and those recorded
 //! beside a scene (`paper-chain.json`, `peers.json`).
 
 use std::collections::BTreeMap;
@@ -29,8 +29,6 @@ struct List {
     name: String,
     /// Covariance mode, for the paper's own lists.
     covariance: Option<String>,
-    /// Where its points come from, if not from the paper's authors.
-    source: Option<String>,
     /// Bits to one unit of the rates below.
     unit_bits: f64,
     /// Rate and PSNR in dB.
@@ -165,9 +163,7 @@ impl List {
             psnr_db,
             ssim: None,
         };
-        let authors =
-            || "published by the paper's authors; another model of the same photos".to_owned();
-        let source = self.source.clone().unwrap_or_else(authors);
+        let source = "published by the paper's authors; another model of the same photos".into();
         Other { name, source, points: self.points.iter().map(point).collect() }
     }
 }
@@ -195,9 +191,6 @@ mod tests {
         let rdo = other.iter().find(|o| o.name == "RDO-GS").unwrap();
         assert_eq!(rdo.points[0].bytes, 13_110_000);
         assert!(rdo.is_published());
-        let fox = others(Path::new("no such folder"), "fox").unwrap();
-        assert_eq!(fox[0].points[1].bytes, 2_460_000);
-        assert!(!fox[0].is_published(), "{}", fox[0].source);
     }
 
     #[test]

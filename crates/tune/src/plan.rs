@@ -85,8 +85,8 @@ impl TunePlan {
     /// This plan with the rounds and steps of an effort.
     pub(crate) fn with(self, effort: TuneEffort) -> Self {
         let (rounds, round_steps, loop_steps) = match effort {
-            TuneEffort::Quick => (3, 80, 300),
-            TuneEffort::Normal => (4, 300, 1800),
+            TuneEffort::Quick => (3, 80, 270),
+            TuneEffort::Normal => (4, 300, 1600),
             TuneEffort::Long => (5, 1000, 9000),
         };
         Self { rounds, round_steps, loop_steps, ..self }

@@ -13,6 +13,7 @@ use serde_json::Value;
 
 use crate::cache::{self, Cache};
 use crate::page::{Page, Table};
+use crate::peers::lgsc;
 use crate::process::GsvxCommand;
 use crate::progress::Bar;
 use crate::{cells, manifest, measure, scenes};
@@ -116,6 +117,8 @@ impl Model {
         let mut files = vec![
             ("PLY".to_owned(), words(&["convert", "--force"])),
             ("SPZ v4".to_owned(), words(&["convert", "--force"])),
+            ("L-GSC, level 0".to_owned(), words(&["lgsc", "0"])),
+            ("L-GSC, level 2".to_owned(), words(&["lgsc", "2"])),
             ("`gsvx encode`".to_owned(), words(&["encode", "--no-estimate"])),
             ("`gsvx encode -q 45`".to_owned(), words(&["encode", "--no-estimate", "-q45"])),
         ];
@@ -141,7 +144,7 @@ impl Model {
         for (name, words) in self.files(efforts) {
             println!("{}: {name} ...", self.name);
             let extension = match &*name {
-                "PLY" => "ply",
+                name if name == "PLY" || name.starts_with("L-GSC") => "ply",
                 "SPZ v4" => "spz",
                 _ => "gsvx",
             };
@@ -167,7 +170,15 @@ impl Model {
 
     /// Makes a file and compares it.
     fn measure(&self, gsvx: &GsvxCommand, words: &[String], file: &Path) -> Result<Coded> {
-        let is_ply = file.extension().is_some_and(|e| e == "ply");
+        if let [word, level] = words
+            && word == "lgsc"
+        {
+            let level = lgsc::LEVELS[level.parse::<usize>()?];
+            let (stream, decoded) = lgsc::code(&scenes::read_model(&self.path)?, level)?;
+            gs_model::ply::write(file, &decoded)?;
+            let quality = self.quality(gsvx, file)?;
+            return Ok(Coded { bytes: stream.len() as u64, quality: Some(quality), cost: None });
+        }
         let mut all: Vec<&dyn AsRef<OsStr>> = words.iter().map(|w| w as _).collect();
         all.push(&self.path);
         let done = match words[0].as_str() {
@@ -175,20 +186,24 @@ impl Model {
             _ => gsvx.make(&all, file)?,
         };
         let bytes = std::fs::metadata(file)?.len();
-        let quality = match &self.photos {
-            Some(photos) => Some(photos.quality(file)?),
-            None if is_ply => None,
-            None => {
-                let words: Vec<&dyn AsRef<OsStr>> = vec![&"compare", &self.path, &file];
-                let orbit = COMPARE_ORBIT.iter().map(|w| w as &dyn AsRef<OsStr>);
-                let said: Value =
-                    gsvx.run(&words.into_iter().chain(orbit).collect::<Vec<_>>())?.json()?;
-                let number = |key: &str| said[key].as_f64().with_context(|| format!("no {key}"));
-                Some([number("psnr")?, number("ssim")?])
-            }
-        };
+        // The model itself.
+        let is_ply = file.extension().is_some_and(|e| e == "ply");
+        let compared = !is_ply || self.photos.is_some();
+        let quality = compared.then(|| self.quality(gsvx, file)).transpose()?;
         let cost = Cost { wall: done.wall, user: done.user, peak_mb: done.peak_mb };
         Ok(Coded { bytes, quality, cost: (!is_ply).then_some(cost) })
+    }
+
+    /// PSNR and SSIM of a file against the photos, or against renders of the model.
+    fn quality(&self, gsvx: &GsvxCommand, file: &Path) -> Result<[f64; 2]> {
+        if let Some(photos) = &self.photos {
+            return photos.quality(file);
+        }
+        let words: Vec<&dyn AsRef<OsStr>> = vec![&"compare", &self.path, &file];
+        let orbit = COMPARE_ORBIT.iter().map(|w| w as &dyn AsRef<OsStr>);
+        let said: Value = gsvx.run(&words.into_iter().chain(orbit).collect::<Vec<_>>())?.json()?;
+        let number = |key: &str| said[key].as_f64().with_context(|| format!("no {key}"));
+        Ok([number("psnr")?, number("ssim")?])
     }
 }
 
