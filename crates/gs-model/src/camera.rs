@@ -156,6 +156,15 @@ impl Camera {
             ..self.clone()
         })
     }
+
+    /// The same view in at most `pixels` pixels, of the same shape to within a pixel.
+    #[must_use]
+    pub fn within(&self, pixels: u32) -> Self {
+        let own = f64::from(self.width) * f64::from(self.height);
+        let factor = (f64::from(pixels) / own).sqrt().min(1.0);
+        let edge = |edge: u32| ((f64::from(edge) * factor) as u32).max(1);
+        self.scaled_to(edge(self.width), edge(self.height)).unwrap_or_else(|| self.clone())
+    }
 }
 
 /// One posed photo.

@@ -171,13 +171,10 @@ pub fn at_camera(camera: &Camera, photo: Photo) -> std::result::Result<TrainView
 /// The view with at most so many pixels.
 pub(crate) fn smaller(view: &TrainView, most: u32) -> TrainView {
     let TrainView { camera, photo } = view;
-    let pixels = f64::from(photo.width) * f64::from(photo.height);
-    let factor = (f64::from(most) / pixels).sqrt();
-    let edge = |pixels: u32| ((f64::from(pixels) * factor) as u32).max(1);
-    let (w, h) = (edge(photo.width), edge(photo.height));
-    let image = RgbImage::from_raw(photo.width, photo.height, photo.rgb.clone());
-    match (camera.scaled_to(w, h), image) {
-        (Some(camera), Some(image)) if factor < 1.0 => {
+    let camera = camera.within(most);
+    let (w, h) = (camera.width, camera.height);
+    match RgbImage::from_raw(photo.width, photo.height, photo.rgb.clone()) {
+        Some(image) if w < photo.width => {
             let rgb = resize(&image, w, h, FilterType::Triangle).into_raw();
             TrainView { camera, photo: Photo { width: w, height: h, rgb } }
         }
