@@ -81,6 +81,11 @@ impl Other {
         self.source.starts_with("published")
     }
 
+    /// Whether a BD-rate against it means something: it was measured on this very model, at three rates or more.
+    pub(crate) fn is_comparable(&self) -> bool {
+        self.points.len() >= 3 && !self.is_published()
+    }
+
     /// The points with rates in bytes.
     pub(crate) fn rates(&self) -> Vec<Point> {
         let point = |p: &OtherPoint| Point { rate: p.bytes as f64, psnr_db: p.psnr_db };

@@ -28,7 +28,7 @@ pub(super) fn run(inputs: &Inputs<'_>) -> Result<Results> {
     let others =
         inputs.others(|o| !o.name.starts_with(NO_INIT) && !o.name.starts_with("paper, uniform"))?;
     let mut bd: Vec<Bd> = Vec::new();
-    for other in others.iter().filter(|o| o.points.len() >= 4 && !o.is_published()) {
+    for other in others.iter().filter(|o| o.is_comparable()) {
         bd.extend(curves.iter().map(|c| sections::compare(c, &other.name, &other.rates())));
     }
     bd.push(compare(&curves[0], &curves[1]));

@@ -129,9 +129,7 @@ fn compare(curves: &[Curve], others: &[published::Other]) -> Vec<Bd> {
         }
         rest.iter().for_each(|curve| pair(curve, uniform));
     }
-    // A published curve is of another model; only what was measured on this very model can be
-    // compared by rate.
-    for other in others.iter().filter(|o| o.points.len() >= 4 && !o.is_published()) {
+    for other in others.iter().filter(|o| o.is_comparable()) {
         out.extend(curves.iter().map(|c| sections::compare(c, &other.name, &other.rates())));
     }
     out

@@ -40,7 +40,8 @@ pub fn run(options: &SizeOptions) -> Result<()> {
     let mut page = Page::new(&options.out, "How small?");
     page.text(format!(
         "`cargo xtask bench-size {}`: no fine-tune, sizes of whole streams, PSNR as the mean over the held-out views \
-         against the photos. Gaussians: {}. The figures of other codecs are recorded beside the scenes.",
+         against the photos. Gaussians: {}. Other codecs \
+         are written and measured here (L-GSC, and SPZ v4 of the room), or recorded beside the scenes.",
         scenes.join(" "),
         sizes.collect::<Vec<_>>().join(", "),
     ));
