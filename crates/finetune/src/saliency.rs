@@ -11,14 +11,16 @@ use crate::stages::project::RenderView;
 /// Blending weights of each Gaussian over a set of views; unit: pixels.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Saliency {
-    /// Sum over all pixels of all views of alpha T. Zero means that no view would change without the Gaussian.
+    /// Sum over all pixels of all views of alpha T. Zero means that no view would change without the Gaussian; in a view
+    /// of more than 250,000 pixels it may still change a few pixels.
     pub total: Vec<f32>,
     /// Sum over all pixels of all views of (alpha T)^2: how much the squared error of the views
     /// grows with an error of this Gaussian's colour.
     pub squared: Vec<f32>,
 }
 
-/// Pixels that a view is drawn with, at most. Larger views give nearly the same weights in three times the time.
+/// Most pixels that a view is drawn with. At full size, `gsvx encode` of office (112 views of 0.75 megapixels) takes 1.8
+/// times the CPU time, and its PSNR at three qualities differs by -0.10 to 0.07 dB.
 const PIXELS: u32 = 250_000;
 
 /// Blending weights of every Gaussian, accumulated over `cameras`. Costs one forward pass per camera, at a smaller size

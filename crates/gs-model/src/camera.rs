@@ -268,4 +268,18 @@ mod tests {
         assert_eq!(camera(640, 480).scaled_to(480, 640), None);
         assert_eq!(camera(640, 480).scaled_to(320, 200), None);
     }
+
+    #[test]
+    fn a_large_camera_fits_into_so_many_pixels_and_sees_the_same() {
+        for (width, height) in [(1000, 750), (999, 751), (100_000, 11), (11, 100_000)] {
+            let large = camera(width, height);
+            let small = large.within(250_000);
+            assert!(small.width * small.height <= 250_000, "{width}x{height}");
+            let angle = |c: &Camera| [f64::from(c.width) / c.fx, f64::from(c.height) / c.fy];
+            for (a, b) in angle(&large).into_iter().zip(angle(&small)) {
+                assert!((a / b - 1.0).abs() < 1e-9, "{width}x{height}");
+            }
+        }
+        assert_eq!(camera(500, 500).within(250_000), camera(500, 500));
+    }
 }

@@ -173,13 +173,14 @@ pub(crate) fn smaller(view: &TrainView, most: u32) -> TrainView {
     let TrainView { camera, photo } = view;
     let camera = camera.within(most);
     let (w, h) = (camera.width, camera.height);
-    match RgbImage::from_raw(photo.width, photo.height, photo.rgb.clone()) {
-        Some(image) if w < photo.width => {
-            let rgb = resize(&image, w, h, FilterType::Triangle).into_raw();
-            TrainView { camera, photo: Photo { width: w, height: h, rgb } }
-        }
-        _ => view.clone(),
+    if [w, h] == [photo.width, photo.height] {
+        return view.clone();
     }
+    let Some(image) = RgbImage::from_raw(photo.width, photo.height, photo.rgb.clone()) else {
+        return view.clone();
+    };
+    let rgb = resize(&image, w, h, FilterType::Triangle).into_raw();
+    TrainView { camera, photo: Photo { width: w, height: h, rgb } }
 }
 
 fn decoded(file: &Path) -> image::ImageResult<(DynamicImage, Orientation)> {

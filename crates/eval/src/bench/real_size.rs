@@ -144,7 +144,8 @@ impl Model {
         for (name, words) in self.files(efforts) {
             println!("{}: {name} ...", self.name);
             let extension = match &*name {
-                name if name == "PLY" || name.starts_with("L-GSC") => "ply",
+                _ if words[0] == "lgsc" => "ply",
+                "PLY" => "ply",
                 "SPZ v4" => "spz",
                 _ => "gsvx",
             };

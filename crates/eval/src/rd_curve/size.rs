@@ -40,8 +40,7 @@ pub fn run(options: &SizeOptions) -> Result<()> {
     let mut page = Page::new(&options.out, "How small?");
     page.text(format!(
         "`cargo xtask bench-size {}`: no fine-tune, sizes of whole streams, PSNR as the mean over the held-out views \
-         against the photos. Gaussians: {}. Other codecs \
-         are written and measured here (L-GSC, and SPZ v4 of the room), or recorded beside the scenes.",
+         against the photos. Gaussians: {}. Other codecs are recorded beside the scenes, or else written and measured here.",
         scenes.join(" "),
         sizes.collect::<Vec<_>>().join(", "),
     ));
