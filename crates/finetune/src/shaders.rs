@@ -15,10 +15,12 @@ pub(crate) const RADIX_BLOCK: u32 = 1024;
 pub(crate) const SCAN_BLOCK: u32 = 1024;
 /// Splats whose partial sums `blend_adjoint` keeps in workgroup memory: the most that fit in 16 KiB.
 const RECORD_BATCH: u32 = 16;
-/// Tiles that one workgroup of `blend` and `blend_adjoint` handles.
-pub(crate) const GROUP_TILES: u32 = 4;
-/// Blocks of a tile, two columns of four; a lane handles a block.
-pub(crate) const BLOCKS: u32 = 8;
+/// Blocks of a tile, two columns of four, in `blend` and `blend_adjoint`; four lanes share a block.
+const BLOCKS: u32 = 8;
+/// Lanes of a tile, which are those of a workgroup.
+pub(crate) const TILE_LANES: u32 = 4 * BLOCKS;
+/// Words of these sums: a row per splat and sum, see blend_adjoint.wgsl.
+const RECORD_WORDS: u32 = RECORD_BATCH * 7 * (TILE_LANES + 1);
 /// Pixels of a run in the stage `loss`, where a lane handles a run.
 pub(crate) const LOSS_RUN: u32 = 8;
 
@@ -149,9 +151,8 @@ impl Shader {
             ("RADIX_BLOCK", RADIX_BLOCK),
             ("RADIX_PER_LANE", RADIX_BLOCK / 64),
             ("RECORD_BATCH", RECORD_BATCH),
-            ("RECORD_WORDS", GROUP_TILES * RECORD_BATCH * 7 * BLOCKS),
-            ("TILES", GROUP_TILES),
-            ("BLOCKS", BLOCKS),
+            ("RECORD_WORDS", RECORD_WORDS),
+            ("TILE_LANES", TILE_LANES),
             ("RUN", LOSS_RUN),
         ] {
             writeln!(out, "const {name}: u32 = {value}u;")?;
@@ -279,8 +280,7 @@ mod tests {
 
     #[test]
     fn workgroup_memory_stays_within_the_portable_limit() {
-        let words = GROUP_TILES * RECORD_BATCH * 7 * BLOCKS + 2;
-        let adjoint = 4 * words;
+        let adjoint = 4 * (RECORD_WORDS + 2);
         assert!(adjoint <= 16 * 1024, "{adjoint} bytes");
     }
 }

@@ -32,7 +32,7 @@ fn describe(adapter: &wgpu::Adapter) -> String {
 }
 
 /// A rasterizer in software: lavapipe, SwiftShader, WARP.
-fn is_software(adapter: &wgpu::Adapter) -> bool {
+pub(super) fn is_software(adapter: &wgpu::Adapter) -> bool {
     adapter.get_info().device_type == wgpu::DeviceType::Cpu
 }
 

@@ -15,6 +15,9 @@ pub(crate) struct Context {
     /// Iterations after which the driver ends the loops of an invocation without an error, if it
     /// does: see [`super::loops`].
     pub(crate) loop_limit: Option<u32>,
+    /// Whether the adapter is software.
+    #[cfg(test)]
+    pub(crate) software: bool,
     errors: Arc<Mutex<Errors>>,
 }
 
@@ -59,7 +62,16 @@ impl Context {
                 errors.lost.get_or_insert_with(|| one_line(&text));
             }
         });
-        Ok(Self { device, queue, limits, page: PAGE_GAUSSIANS, loop_limit: None, errors })
+        Ok(Self {
+            device,
+            queue,
+            limits,
+            page: PAGE_GAUSSIANS,
+            loop_limit: None,
+            #[cfg(test)]
+            software: super::adapter::is_software(adapter),
+            errors,
+        })
     }
 
     /// Bytes of a storage buffer, at most.

@@ -61,10 +61,10 @@ pub(super) fn limit(context: &Context) -> Result<Option<u32>> {
     Ok((counted < TRIED).then_some(counted))
 }
 
-/// Upper bound of the iterations of `blend_adjoint` per splat of a tile's list: one for its bit,
-/// seven eighths for its record's words with up to eight for the blocks of each, and, for each batch
+/// Upper bound of the iterations of `blend_adjoint` per splat of a tile's list: one for its bit, seven
+/// of its record's words over 32 lanes with up to eight for the blocks of each, and, for each batch
 /// of 16 splats, one round and four words of `reaching`. `blend` needs fewer.
-const PER_SPLAT: u32 = 10;
+const PER_SPLAT: u32 = 4;
 
 /// Iterations of all other loops: clearing tables, summing blocks of losses.
 const OTHER: u32 = 500;

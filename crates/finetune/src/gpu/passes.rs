@@ -5,7 +5,7 @@ use super::uniform::StepUniform;
 use super::workspace::Workspace;
 #[cfg(test)]
 use crate::forward::Forward;
-use crate::shaders::{DISPATCH_ROW, GROUP_TILES, LOSS_RUN};
+use crate::shaders::{DISPATCH_ROW, LOSS_RUN};
 use crate::stages::TILE;
 #[cfg(test)]
 use crate::stages::project::{CULLED, Projected, Splat, TileBox};
@@ -147,9 +147,9 @@ impl Workspace {
                 single(pass, "ranges", n.div_ceil(64));
                 single(pass, "reach", (self.sizes.capacity as u32).div_ceil(4 * 64));
             }
-            GpuStage::Blend => single(pass, "blend", band.div_ceil(GROUP_TILES)),
+            GpuStage::Blend => single(pass, "blend", band),
             GpuStage::Loss => self.loss(pass, u, photo),
-            GpuStage::BlendAdjoint => single(pass, "blend_adjoint", band.div_ceil(GROUP_TILES)),
+            GpuStage::BlendAdjoint => single(pass, "blend_adjoint", band),
             GpuStage::Gather => single(pass, "gather", ranks),
             GpuStage::Adam => self.of_pages(pass, "adam"),
             GpuStage::Before => self.calls(pass, &self.before),

@@ -1,7 +1,7 @@
 //! Names and sizes of the device's buffers.
 
 use crate::error::{Error, Result};
-use crate::shaders::{BLOCKS, RADIX_BLOCK, SCAN_BLOCK};
+use crate::shaders::{RADIX_BLOCK, SCAN_BLOCK, TILE_LANES};
 
 /// Losses that the device keeps before the host has to fetch them.
 pub(crate) const LOSS_RING: usize = 256;
@@ -148,7 +148,7 @@ impl Sizes {
         vec![
             ("offsets", tiles + 1),
             ("pixels", 1024 * tiles),
-            ("last", BLOCKS as usize * tiles),
+            ("last", TILE_LANES as usize * tiles),
             ("gradient", 768 * tiles),
             ("moments", MOMENTS * pixels),
             ("partials", 3 * pixels),

@@ -1,4 +1,4 @@
-//! Compares each stage with the Rust executor on the same inputs, on lavapipe where it is installed.
+//! Compares each stage with the Rust executor on the same inputs, on lavapipe where it is installed, else on a GPU.
 //! Without an adapter the tests are skipped with a message.
 
 mod faults;
@@ -18,7 +18,7 @@ use crate::forward::Forward;
 use crate::image::{Image, Photo};
 use crate::optimiser::{SceneOptimiser, rows_of};
 use crate::options::{LearningRates, Loss, RenderOptions};
-use crate::shaders::BLOCKS;
+use crate::shaders::TILE_LANES;
 use crate::stages::blend_adjoint::{FROZEN, TileGradient};
 use crate::stages::loss::ViewLoss;
 use crate::stages::project::{CULLED, RenderView};
@@ -147,6 +147,19 @@ fn relative(name: &str, a: &[f32], b: &[f32]) -> f32 {
     worst / scale
 }
 
+/// Rows of `columns` values are equal to the bit. A GPU's compiler fuses products and sums, and there a column differs by
+/// at most `1e-4` of its largest value.
+fn assert_equal(on: &Context, name: &str, columns: usize, got: &[f32], wanted: &[f32]) {
+    let worst = worst_ulps(name, got, wanted);
+    if on.software {
+        return assert_eq!(worst, 0, "{name}");
+    }
+    for k in 0..columns {
+        let column = |v: &[f32]| v.iter().skip(k).step_by(columns).copied().collect::<Vec<_>>();
+        assert!(relative(name, &column(got), &column(wanted)) < 1e-4, "{name}, column {k}");
+    }
+}
+
 fn flat<T: bytemuck::NoUninit>(v: &[T]) -> Vec<f32> {
     bytemuck::cast_slice::<T, f32>(v).to_vec()
 }
@@ -170,12 +183,13 @@ fn project_agrees() {
     const FIELDS: [&str; 12] =
         ["x", "y", "p", "q", "r", "cut", "opacity", "columns", "red", "green", "blue", "rows"];
     // Mesa reassociates the products of the rotation and the sums of the colour.
+    const WORDS: [&str; 2] = ["columns", "rows"];
     const INEXACT: [&str; 6] = ["p", "q", "r", "red", "green", "blue"];
     for (k, field) in FIELDS.iter().enumerate() {
         let column = |v: &[f32]| v.iter().skip(k).step_by(12).copied().collect::<Vec<_>>();
         let (a, b) = (column(&ours), column(&theirs));
         let ulps = worst_ulps(field, &a, &b);
-        if INEXACT.contains(field) {
+        if INEXACT.contains(field) || !(p.gpu.context.software || WORDS.contains(field)) {
             assert!(relative(field, &a, &b) < 2e-6, "{field}");
         } else {
             assert_eq!(ulps, 0, "{field}");
@@ -253,12 +267,12 @@ fn blend_is_equal_to_the_bit() {
     let wanted = flat(&f.tiles);
     assert!(f.tiles.iter().any(|t| t.t[3][3] < 0.0), "no pixel stops early");
     let got: Vec<f32> = p.gpu.read("pixels", 0, wanted.len()).unwrap();
-    assert_eq!(worst_ulps("blend", &got, &wanted), 0);
-    let blocks: Vec<u32> = p.gpu.read("last", 0, BLOCKS as usize * f.last.len()).unwrap();
+    assert_equal(&p.gpu.context, "blend", 1, &got, &wanted);
+    let blocks: Vec<u32> = p.gpu.read("last", 0, TILE_LANES as usize * f.last.len()).unwrap();
     let last: Vec<u32> =
-        blocks.chunks(BLOCKS as usize).map(|b| b.iter().copied().max().unwrap()).collect();
+        blocks.chunks(TILE_LANES as usize).map(|b| b.iter().copied().max().unwrap()).collect();
     assert_eq!(last, f.last);
-    assert!(blocks.iter().zip(0..).any(|(&b, i)| b < last[i / BLOCKS as usize]));
+    assert!(blocks.iter().zip(0..).any(|(&b, i)| b < last[i / TILE_LANES as usize]));
 }
 
 #[test]
@@ -267,20 +281,18 @@ fn blend_adjoint_and_gather_are_equal_to_the_bit() {
     upload_lists(&p);
     let f = &p.cpu.forward;
     p.gpu.write("pixels", 0, &flat(&f.tiles));
-    let last: Vec<u32> = f.last.iter().flat_map(|&l| [l; BLOCKS as usize]).collect();
+    let last: Vec<u32> = f.last.iter().flat_map(|&l| [l; TILE_LANES as usize]).collect();
     p.gpu.write("last", 0, &last);
     p.gpu.write("gradient", 0, &flat(&p.cpu.tiles));
     p.gpu.run(&[GpuStage::BlendAdjoint], &p.u, &[]);
     let wanted = flat(&p.cpu.records);
     assert!(wanted.iter().filter(|&&v| v != 0.0).count() > wanted.len() / 4);
     let got: Vec<f32> = p.gpu.read("records", 0, wanted.len()).unwrap();
-    let bits = |v: &[f32]| v.iter().map(|x| (x + 0.0).to_bits()).collect::<Vec<_>>();
-    worst_ulps("blend_adjoint", &got, &wanted);
-    assert!(bits(&got) == bits(&wanted), "records differ");
+    assert_equal(&p.gpu.context, "blend_adjoint", 7, &got, &wanted);
     p.gpu.write("records", 0, &wanted);
     p.gpu.run(&[GpuStage::Gather], &p.u, &[]);
     let sums: Vec<f32> = p.gpu.read("sums", 0, 7 * 3000).unwrap();
-    assert!(bits(&sums) == bits(&flat(&p.cpu.all_sums())), "sums differ");
+    assert_equal(&p.gpu.context, "sums", 7, &sums, &flat(&p.cpu.all_sums()));
     let clamped = |s: &[f32; 7]| s[..3].contains(&0.0) && s[3] != 0.0;
     assert!(p.cpu.sums.iter().any(clamped), "no colour is clamped");
 }

@@ -1,4 +1,5 @@
-// Stages `project_adjoint` and `adam`: one lane per Gaussian of a page, all its parameters.
+// Stages `project_adjoint` and `adam`. A lane computes the gradient of a Gaussian of a page. Then the lanes of a
+// workgroup move consecutive values, so that a GPU reads and writes whole lines of memory.
 
 @group(0) @binding(1) var<storage, read> sums: array<f32>;
 @group(0) @binding(2) var<storage, read> means: array<f32>;
@@ -38,18 +39,20 @@ fn update_sh(at: u32, gradient: f32, rate: f32) {
     sh[at] -= r.z;
 }
 
-@compute @workgroup_size(64)
-fn adam(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
-    let i = group_index(group) * 64u + lane;
-    if (i >= page.count || sums[7u * page.count] != 0.0) {
-        return;
-    }
-    let f = frame_of(i);
+const LANES: u32 = 64u;
+
+// Per Gaussian of the workgroup: the SH basis, the gradient of the colour, and those of `geo`.
+var<workgroup> basis_of: array<f32, 1024>;
+var<workgroup> colour_gradient: array<f32, 192>;
+var<workgroup> geo_gradient: array<f32, 512>;
+
+fn store_gradient(i: u32, lane: u32) {
     var basis = array<f32, 16>();
     var v_raw = vec3<f32>();
     var d_opacity = 0.0;
     var d_log_scale = V3(0.0, 0.0, 0.0);
     var d_rotation = Q4(0.0, 0.0, 0.0, 0.0);
+    let f = frame_of(i);
     if (f.visible) {
         let at = 7u * i;
         basis = sh_basis(direction_of(f.from_eye));
@@ -67,21 +70,46 @@ fn adam(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         );
         d_rotation = quaternion_adjoint(f.unit.x, f.unit.y, f.unit.z, f.unit.w, f.inv_norm, g);
     }
-    for (var k = 0u; k < u.sh_len; k++) {
-        let at = 3u * (i * u.sh_len + k);
-        let rate = select(u.rates.y, u.rates.x, k == 0u);
-        let g = basis[k] * v_raw;
-        update_sh(at, g.x, rate);
-        update_sh(at + 1u, g.y, rate);
-        update_sh(at + 2u, g.z, rate);
+    for (var k = 0u; k < 16u; k++) {
+        basis_of[16u * lane + k] = basis[k];
     }
-    let at = 8u * i;
-    update_geo(at, d_opacity, u.rates.z);
-    update_geo(at + 1u, d_log_scale.x, u.rates.w);
-    update_geo(at + 2u, d_log_scale.y, u.rates.w);
-    update_geo(at + 3u, d_log_scale.z, u.rates.w);
-    update_geo(at + 4u, d_rotation.w, u.rotation_rate);
-    update_geo(at + 5u, d_rotation.x, u.rotation_rate);
-    update_geo(at + 6u, d_rotation.y, u.rotation_rate);
-    update_geo(at + 7u, d_rotation.z, u.rotation_rate);
+    //@each k 0 1 2
+    colour_gradient[3u * lane + $ku] = v_raw[$ku];
+    //@end
+    geo_gradient[8u * lane] = d_opacity;
+    geo_gradient[8u * lane + 1u] = d_log_scale.x;
+    geo_gradient[8u * lane + 2u] = d_log_scale.y;
+    geo_gradient[8u * lane + 3u] = d_log_scale.z;
+    geo_gradient[8u * lane + 4u] = d_rotation.w;
+    geo_gradient[8u * lane + 5u] = d_rotation.x;
+    geo_gradient[8u * lane + 6u] = d_rotation.y;
+    geo_gradient[8u * lane + 7u] = d_rotation.z;
+}
+
+@compute @workgroup_size(64)
+fn adam(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    let first = group_index(group) * LANES;
+    if (first + lane < page.count) {
+        store_gradient(first + lane, lane);
+    }
+    workgroupBarrier();
+    if (first >= page.count || sums[7u * page.count] != 0.0) {
+        return;
+    }
+    let gaussians = min(LANES, page.count - first);
+    let row = 3u * u.sh_len;
+    for (var v = lane; v < row * gaussians; v += LANES) {
+        let gaussian = v / row;
+        let k = v % row / 3u;
+        let g = basis_of[16u * gaussian + k] * colour_gradient[3u * gaussian + v % 3u];
+        update_sh(row * first + v, g, select(u.rates.y, u.rates.x, k == 0u));
+    }
+    let rates = array<f32, 8>(
+        u.rates.z,
+        u.rates.w, u.rates.w, u.rates.w,
+        u.rotation_rate, u.rotation_rate, u.rotation_rate, u.rotation_rate,
+    );
+    for (var v = lane; v < 8u * gaussians; v += LANES) {
+        update_geo(8u * first + v, geo_gradient[v], rates[v % 8u]);
+    }
 }

@@ -34,7 +34,7 @@ pub(crate) const FROZEN: usize = 7;
 pub(crate) const MOVING: usize = 9;
 
 /// Sums are computed per block of eight columns and four rows, then over the blocks, because on a GPU
-/// a lane owns a block.
+/// four lanes share a block.
 const BLOCK_ROWS: usize = 4;
 /// Vectors of four that hold the sums of a record.
 const QUADS: usize = MOVING.div_ceil(4);

@@ -1,12 +1,12 @@
 // Stage `blend_adjoint`: one record of seven sums per slot, with the lanes as in block.wgsl. A lane
-// adds up its block's pixels in registers and stores a sum per splat in workgroup memory. Then the
-// lanes of a tile add up the blocks, in the fixed order of blend_adjoint.rs.
+// adds up its pixels in registers and stores a sum per splat in workgroup memory. Then the lanes
+// add up the columns of a block and the blocks, in the fixed order of blend_adjoint.rs.
 
 @group(0) @binding(1) var<storage, read> splats: array<Splat>;
 @group(0) @binding(2) var<storage, read> ids: array<u32>;
 @group(0) @binding(3) var<storage, read> offsets: array<u32>;
 @group(0) @binding(4) var<storage, read> pixels: array<f32>;
-// Per block, as `blend` left it.
+// Per lane, as `blend` left it.
 @group(0) @binding(5) var<storage, read> last: array<u32>;
 // Per tile: gradients with respect to red, green, blue, 256 each.
 @group(0) @binding(6) var<storage, read> gradient: array<f32>;
@@ -14,17 +14,22 @@
 // Per position in the lists, a byte: which blocks the splat reaches.
 @group(0) @binding(8) var<storage, read> hits: array<u32>;
 
-// Per tile of the workgroup, splat of the batch, sum, block.
+// Per splat of the batch and sum: a value per lane. A row has a word more than lanes, so that lanes that add up
+// different rows read different banks.
 var<workgroup> sums: array<f32, RECORD_WORDS>;
 var<workgroup> longest: atomic<u32>;
-var<workgroup> rounds: u32;
+var<workgroup> needed: u32;
 
 fn gradients_at(at: u32) -> vec4<f32> {
-    return vec4<f32>(gradient[at], gradient[at + 1u], gradient[at + 2u], gradient[at + 3u]);
+    return vec4<f32>(
+        gradient[at], gradient[at + TILE], gradient[at + 2u * TILE], gradient[at + 3u * TILE],
+    );
 }
 
 fn pixels_at(at: u32) -> vec4<f32> {
-    return vec4<f32>(pixels[at], pixels[at + 1u], pixels[at + 2u], pixels[at + 3u]);
+    return vec4<f32>(
+        pixels[at], pixels[at + TILE], pixels[at + 2u * TILE], pixels[at + 3u * TILE],
+    );
 }
 
 // Colour over the background, dotted with the gradient.
@@ -43,59 +48,55 @@ fn light(at: u32, g_red: vec4<f32>, g_green: vec4<f32>, g_blue: vec4<f32>) -> ve
     return mrg + mb;
 }
 
-// Eight columns, halves onto halves.
-fn sum_columns(l: vec4<f32>, r: vec4<f32>) -> f32 {
-    let four = l + r;
-    let two = four.xy + four.zw;
-    return two.x + two.y;
+// Eight columns of a block, halves onto halves: lane k of the block has added columns k and k + 4.
+fn sum_columns(at: u32) -> f32 {
+    let even = sums[at] + sums[at + 2u];
+    let odd = sums[at + 1u] + sums[at + 3u];
+    return even + odd;
 }
 
-@compute @workgroup_size(32)
+fn sum_rows(v: vec4<f32>) -> f32 {
+    let two = v.x + v.y;
+    let three = two + v.z;
+    return three + v.w;
+}
+
+@compute @workgroup_size(TILE_LANES)
 fn blend_adjoint(
     @builtin(workgroup_id) group: vec3<u32>,
     @builtin(local_invocation_index) lane: u32,
 ) {
     let tiles = u.end_row * u.tiles_x;
-    let wanted = u.first_row * u.tiles_x + group_index(group) * TILES + lane / BLOCKS;
+    let wanted = u.first_row * u.tiles_x + group_index(group);
     let tile = min(wanted, tiles - 1u);
-    let block = lane % BLOCKS;
-    let pixel = corner_of(tile, block);
-    let corner = vec2<f32>(pixel);
-    let column_l = vec4<u32>(pixel.x) + vec4<u32>(0u, 1u, 2u, 3u);
-    let column_r = column_l + vec4<u32>(4u);
-    let x_l = vec4<f32>(column_l) + vec4<f32>(0.5);
-    let x_r = vec4<f32>(column_r) + vec4<f32>(0.5);
-    let g_at = tile * 768u + offset_of(block);
-    let p_at = tile * 1024u + offset_of(block);
-    //@each row 0 1 2 3
-    let at_$rowl = $rowu * TILE;
-    let at_$rowr = $rowu * TILE + 4u;
+    let block = lane / 4u;
+    let corner = corner_of(tile, block);
+    let column_l = corner.x + lane % 4u;
+    let column_r = column_l + 4u;
+    let rows = vec4<u32>(corner.y) + vec4<u32>(0u, 1u, 2u, 3u);
+    let y = vec4<f32>(rows) + vec4<f32>(0.5);
+    let at_l = offset_of(block) + lane % 4u;
+    let at_r = at_l + 4u;
     //@each side l r
-    var t_$row$side = start_of(column_$side, pixel.y + $rowu);
-    let red_$row$side = gradients_at(g_at + at_$row$side);
-    let green_$row$side = gradients_at(g_at + at_$row$side + 256u);
-    let blue_$row$side = gradients_at(g_at + at_$row$side + 512u);
-    var rg_$row$side =
-        light(p_at + at_$row$side, red_$row$side, green_$row$side, blue_$row$side);
-    //@end
+    let x_$side = f32(column_$side) + 0.5;
+    var t_$side = start_of(column_$side, rows);
+    let red_$side = gradients_at(tile * 768u + at_$side);
+    let green_$side = gradients_at(tile * 768u + at_$side + 256u);
+    let blue_$side = gradients_at(tile * 768u + at_$side + 512u);
+    var rg_$side = light(tile * 1024u + at_$side, red_$side, green_$side, blue_$side);
     //@end
     // Tiles past the last have empty lists.
     let first = offsets[tile];
     let list_end = select(first, offsets[tile + 1u], wanted < tiles);
-    var tile_last = 0u;
-    for (var b = 0u; b < BLOCKS; b++) {
-        tile_last = max(tile_last, last[tile * BLOCKS + b]);
-    }
-    let end = min(first + tile_last, list_end);
-    atomicMax(&longest, end - first);
+    atomicMax(&longest, last[tile * TILE_LANES + lane]);
     workgroupBarrier();
     if (lane == 0u) {
-        rounds = (atomicLoad(&longest) + RECORD_BATCH - 1u) / RECORD_BATCH;
+        needed = atomicLoad(&longest);
     }
-    let last_round = workgroupUniformLoad(&rounds);
-    let of_tile = (lane / BLOCKS) * RECORD_BATCH * 7u * BLOCKS;
-    for (var round = 0u; round < last_round; round++) {
-        let start = first + round * RECORD_BATCH;
+    let count = workgroupUniformLoad(&needed);
+    let end = min(first + count, list_end);
+    for (var begin = 0u; begin < count; begin += RECORD_BATCH) {
+        let start = first + begin;
         let n = min(RECORD_BATCH, max(end, start) - start);
         var mask = reaching(start, n, block);
         while (mask != 0u) {
@@ -104,61 +105,37 @@ fn blend_adjoint(
             let s = splats[ids[start + k]];
             let cut = vec4<f32>(s.b.y);
             let opacity = vec4<f32>(s.b.z);
-            let px_l = s.a.z * (s.a.x - x_l);
-            let px_r = s.a.z * (s.a.x - x_r);
+            let dy = s.a.y - y;
+            let qy = s.a.w * dy;
+            let e1 = s.b.x * dy;
+            let e11 = e1 * e1;
             //@each side l r
+            let px_$side = s.a.z * (s.a.x - x_$side);
+            let e0_$side = px_$side + qy;
+            let cr_$side = s.c.x * red_$side;
+            let cgr_$side = s.c.y * green_$side;
+            let cb_$side = s.c.z * blue_$side;
+            let crg_$side = cr_$side + cgr_$side;
+            let cg_$side = crg_$side + cb_$side;
+            let step_$side = replay(e0_$side, e1, cut, opacity, STOP, t_$side, rg_$side, cg_$side);
+            t_$side = step_$side.t;
+            rg_$side = step_$side.rg;
+            let v_$side = step_$side.v_sigma;
+            let v0_$side = v_$side * e0_$side;
+            let sum0$side = sum_rows(step_$side.w * red_$side);
+            let sum1$side = sum_rows(step_$side.w * green_$side);
+            let sum2$side = sum_rows(step_$side.w * blue_$side);
+            let sum3$side = sum_rows(v_$side);
+            let sum4$side = sum_rows(v0_$side * e0_$side);
+            let sum5$side = sum_rows(v0_$side * e1);
+            let sum6$side = sum_rows(v_$side * e11);
+            //@end
             //@each sum 0 1 2 3 4 5 6
-            var sum$sum$side = vec4<f32>();
-            //@end
-            //@end
-            //@each row 0 1 2 3
-            let dy_$row = s.a.y - (corner.y + $row.5);
-            let qy_$row = vec4<f32>(s.a.w * dy_$row);
-            let e1_$row = vec4<f32>(s.b.x * dy_$row);
-            let e11_$row = e1_$row * e1_$row;
-            //@each side l r
-            let e0_$row$side = px_$side + qy_$row;
-            let cr_$row$side = s.c.x * red_$row$side;
-            let cgr_$row$side = s.c.y * green_$row$side;
-            let cb_$row$side = s.c.z * blue_$row$side;
-            let crg_$row$side = cr_$row$side + cgr_$row$side;
-            let cg_$row$side = crg_$row$side + cb_$row$side;
-            let step_$row$side = replay(
-                e0_$row$side,
-                e1_$row,
-                cut,
-                opacity,
-                STOP,
-                t_$row$side,
-                rg_$row$side,
-                cg_$row$side,
-            );
-            t_$row$side = step_$row$side.t;
-            rg_$row$side = step_$row$side.rg;
-            let v_$row$side = step_$row$side.v_sigma;
-            let v0_$row$side = v_$row$side * e0_$row$side;
-            let wr_$row$side = step_$row$side.w * red_$row$side;
-            let wg_$row$side = step_$row$side.w * green_$row$side;
-            let wb_$row$side = step_$row$side.w * blue_$row$side;
-            let v00_$row$side = v0_$row$side * e0_$row$side;
-            let v01_$row$side = v0_$row$side * e1_$row;
-            let v11_$row$side = v_$row$side * e11_$row;
-            sum0$side += wr_$row$side;
-            sum1$side += wg_$row$side;
-            sum2$side += wb_$row$side;
-            sum3$side += v_$row$side;
-            sum4$side += v00_$row$side;
-            sum5$side += v01_$row$side;
-            sum6$side += v11_$row$side;
-            //@end
-            //@end
-            let slot = of_tile + k * 7u * BLOCKS + block;
-            //@each sum 0 1 2 3 4 5 6
-            sums[slot + $sumu * BLOCKS] = sum_columns(sum$suml, sum$sumr);
+            sums[(k * 7u + $sumu) * (TILE_LANES + 1u) + lane] = sum$suml + sum$sumr;
             //@end
         }
         workgroupBarrier();
-        for (var j = block; j < n * 7u; j += BLOCKS) {
+        for (var j = lane; j < n * 7u; j += TILE_LANES) {
             let position = start + j / 7u;
             var bits = (hits[position / 4u] >> (8u * (position % 4u))) & 255u;
             var left = 0.0;
@@ -166,7 +143,7 @@ fn blend_adjoint(
             while (bits != 0u) {
                 let b = firstTrailingBit(bits);
                 bits &= bits - 1u;
-                let v = sums[of_tile + j * BLOCKS + b];
+                let v = sum_columns(j * (TILE_LANES + 1u) + 4u * b);
                 left += select(v, 0.0, b >= 4u);
                 right += select(0.0, v, b >= 4u);
             }
@@ -175,7 +152,7 @@ fn blend_adjoint(
         workgroupBarrier();
     }
     // Slots behind the last one that a pixel needs.
-    for (var j = end * 7u + block; j < list_end * 7u; j += BLOCKS) {
+    for (var j = end * 7u + lane; j < list_end * 7u; j += TILE_LANES) {
         records[j] = 0.0;
     }
 }
