@@ -6,6 +6,7 @@ use std::fmt::Write as _;
 use crate::metrics::taps;
 use crate::optimiser::{BETA1, BETA2, EPSILON};
 use crate::stages::consts::*;
+use crate::stages::project::CULLED;
 
 /// Workgroups per row of a dispatch; more are folded into further rows.
 pub(crate) const DISPATCH_ROW: u32 = 32_768;
@@ -54,14 +55,13 @@ pub const STEP: &str = include_str!("stages/step.wgsl");
 /// The page that a dispatch works on, `page`. Gaussians of a kernel count from its first.
 pub const PAGE: &str = include_str!("stages/page.wgsl");
 const SPLAT: &str = include_str!("stages/splat.wgsl");
-const TOUCHES: &str = include_str!("stages/touches.wgsl");
 
 /// All shaders, in the order of the stages.
 pub(crate) const SHADERS: &[Shader] = &[
     Shader::new(
         "project",
         &["project"],
-        &[STEP, PAGE, GAUSSIAN, REACH, SPLAT, TOUCHES, include_str!("stages/project.wgsl")],
+        &[STEP, PAGE, GAUSSIAN, SPLAT, include_str!("stages/project.wgsl")],
     ),
     Shader::new("sort", &["sort_count", "sort_scatter"], &[STEP, include_str!("stages/sort.wgsl")]),
     Shader::new("scan", &["scan_local", "scan_add"], &[STEP, include_str!("stages/scan.wgsl")]),
@@ -69,7 +69,7 @@ pub(crate) const SHADERS: &[Shader] = &[
     Shader::new(
         "emit",
         &["check_capacity", "emit"],
-        &[REACH, STEP, SPLAT, TOUCHES, include_str!("stages/emit.wgsl")],
+        &[REACH, STEP, SPLAT, include_str!("stages/emit.wgsl")],
     ),
     Shader::new("ranges", &["ranges"], &[STEP, include_str!("stages/ranges.wgsl")]),
     Shader::new("reach", &["reach"], &[REACH, STEP, SPLAT, include_str!("stages/reach.wgsl")])
@@ -154,6 +154,7 @@ impl Shader {
             ("RECORD_WORDS", RECORD_WORDS),
             ("TILE_LANES", TILE_LANES),
             ("RUN", LOSS_RUN),
+            ("CULLED", CULLED),
         ] {
             writeln!(out, "const {name}: u32 = {value}u;")?;
         }

@@ -77,7 +77,7 @@ pub(super) fn longest_list(limit: u32) -> u32 {
 /// Refuses a view with so many tiles that the loops over the tiles of a Gaussian might reach the
 /// limit.
 pub(super) fn check_view(limit: u32, u: &StepUniform) -> Result<()> {
-    // `emit` visits a box of tiles row by row, then the unused slots.
+    // `emit` visits a box of tiles row by row.
     let iterations = u.tiles_x * u.tiles_y + u.tiles_y + OTHER;
     if iterations <= limit {
         return Ok(());

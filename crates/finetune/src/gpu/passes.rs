@@ -89,17 +89,12 @@ impl Workspace {
     #[cfg(test)]
     pub(crate) fn upload_lists(&self, forward: &Forward, u: &StepUniform) {
         let (lists, projected) = (&forward.lists, &forward.projected);
-        let mut counts = vec![0u32; forward.order.len()];
-        for &i in &lists.ids {
-            counts[i as usize] += 1;
-        }
         self.write("keys", 0, &projected.spread(&projected.seen.keys, CULLED));
         self.write("page_splats", 0, &projected.spread(&packed(projected), [0; 12]));
-        self.write("page_counts", 0, &projected.spread(&counts, 0));
         let state = [projected.places.len() as u32, lists.ids.len() as u32, 0, 0];
         self.write("state", 0, &state);
         self.run(&LISTS[1..], u, &[]);
-        let mut ranks = counts;
+        let mut ranks = vec![0; forward.order.len()];
         forward.order.iter().zip(0..).for_each(|(&i, rank)| ranks[i as usize] = rank);
         let ids: Vec<u32> = lists.ids.iter().map(|&i| ranks[i as usize]).collect();
         self.write("ids", 0, &ids);
@@ -116,13 +111,10 @@ impl Workspace {
         let ranks = (u.count + 1).div_ceil(64);
         let band = (u.end_row - u.first_row) * u.tiles_x;
         // Once for each page, if the shader has pages.
-        let entry = |pass: &mut wgpu::ComputePass<'_>, shader, entry, groups| {
-            for group in self.groups(shader) {
-                self.dispatch(pass, shader, entry, group, groups);
-            }
-        };
         let single = |pass: &mut wgpu::ComputePass<'_>, shader, groups| {
-            entry(pass, shader, shader, groups);
+            for group in self.groups(shader) {
+                self.dispatch(pass, shader, shader, group, groups);
+            }
         };
         match stage {
             GpuStage::Project => self.of_pages(pass, "project"),
@@ -134,9 +126,11 @@ impl Workspace {
             }
             GpuStage::Rank => single(pass, "rank", ranks),
             GpuStage::Emit => {
+                let (counts, writes) = (&self.emits[0], &self.emits[1]);
+                self.dispatch(pass, "emit", "emit", counts, ranks);
                 self.scan(pass, Scan::Starts);
-                entry(pass, "emit", "check_capacity", 1);
-                single(pass, "emit", ranks);
+                self.dispatch(pass, "emit", "check_capacity", writes, 1);
+                self.dispatch(pass, "emit", "emit", writes, ranks);
             }
             GpuStage::SortTile => {
                 let blocks = self.sizes.tile_blocks() as u32;

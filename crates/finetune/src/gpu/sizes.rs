@@ -105,7 +105,6 @@ impl Sizes {
             paged("sh_m", sh, 0),
             paged("sh_v", sh, 0),
             paged("page_splats", SPLAT, 0),
-            paged("page_counts", 1, 0),
             paged("sums", RECORD, 1),
         ]
     }

@@ -44,6 +44,8 @@ pub(crate) struct Workspace {
     pub(crate) depth_passes: Vec<wgpu::BindGroup>,
     /// Passes over the tile keys, as many as the largest tile index needs.
     pub(crate) tile_passes: Vec<wgpu::BindGroup>,
+    /// Of `emit`: the group that counts, and the one that writes.
+    pub(super) emits: Vec<wgpu::BindGroup>,
     scans: Vec<Vec<ScanLevel>>,
     /// Calls of kernels of another crate, before and after the other stages.
     pub(super) before: Vec<(Call, wgpu::BindGroup)>,
@@ -72,6 +74,7 @@ impl Workspace {
             groups: BTreeMap::new(),
             depth_passes: Vec::new(),
             tile_passes: Vec::new(),
+            emits: Vec::new(),
             scans: Vec::new(),
             before: Vec::new(),
             after: Vec::new(),
@@ -196,9 +199,14 @@ impl Workspace {
         });
         let (keys, slots) = self.sorted_tiles();
         let sorted = [("tile_keys", keys), ("tile_slots", slots)];
-        for shader in ["emit", "ranges", "reach", "blend", "blend_adjoint"] {
+        for shader in ["ranges", "reach", "blend", "blend_adjoint"] {
             self.groups.insert(shader, vec![self.bind_group(shader, 0, &sorted, &[])]);
         }
+        let emit = |writes: u32| {
+            let mode = self.constant("mode", &[writes, 0, 0, 0]);
+            self.bind_group("emit", 0, &[], &[("mode", &mode)])
+        };
+        self.emits = [0, 1].map(emit).into();
         for shader in ["project", "rank", "gather", "adam"] {
             let pages = 0..self.pages.len();
             let groups = pages.map(|page| self.bind_group(shader, page, &[], &[])).collect();

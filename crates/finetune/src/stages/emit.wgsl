@@ -1,11 +1,40 @@
-// Stage `emit`: one (tile, slot) pair per Gaussian and tile that it touches, in depth order.
+// Stage `emit`: one (tile, slot) pair per Gaussian and tile that it touches, in depth order. The entry point runs
+// twice: first it counts, then, behind the sums of the counts, it writes the pairs. A GPU fuses products and sums, in
+// each entry point differently, so that two of them would not find the same tiles.
+
+struct Mode {
+    // 1 if the pairs are written, 0 if they are counted.
+    writes: u32,
+    pad0: u32,
+    pad1: u32,
+    pad2: u32,
+}
 
 @group(0) @binding(1) var<storage, read> splats: array<Splat>;
-@group(0) @binding(2) var<storage, read> starts: array<u32>;
+// The counts, and behind them a zero; then the sums of the counts before, and the total.
+@group(0) @binding(2) var<storage, read_write> starts: array<u32>;
 @group(0) @binding(3) var<storage, read> depth_keys_b: array<u32>;
 @group(0) @binding(4) var<storage, read_write> state: array<u32>;
 @group(0) @binding(5) var<storage, read_write> slot_tiles: array<u32>;
 @group(0) @binding(6) var<storage, read_write> slot_ids: array<u32>;
+@group(0) @binding(7) var<uniform> mode: Mode;
+
+// First tile and one past the last, of packed columns or rows.
+fn range_of(packed: u32) -> vec2<u32> {
+    return vec2<u32>(packed & 0xffffu, packed >> 16u);
+}
+
+// Whether the splat reaches a pixel centre of tile (tx, ty).
+fn touches(s: Splat, tx: u32, ty: u32) -> bool {
+    if (u.reference == 1u) {
+        return true;
+    }
+    let edge = f32(TILE - 1u);
+    let dx1 = s.a.x - (f32(tx * TILE) + 0.5);
+    let dy1 = s.a.y - (f32(ty * TILE) + 0.5);
+    let least = least_sigma(s.a.z, s.a.w, s.b.x, dx1 - edge, dx1, dy1 - edge, dy1);
+    return least <= s.b.y;
+}
 
 // The Gaussians that the band shows: those whose key is not that of the culled ones.
 fn shown() -> u32 {
@@ -13,7 +42,7 @@ fn shown() -> u32 {
     var high = u.count;
     while (low < high) {
         let middle = (low + high) / 2u;
-        if (depth_keys_b[middle] != 0xffffffffu) {
+        if (depth_keys_b[middle] != CULLED) {
             low = middle + 1u;
         } else {
             high = middle;
@@ -40,31 +69,30 @@ fn check_capacity() {
 @compute @workgroup_size(64)
 fn emit(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let rank = group_index(group) * 64u + lane;
-    if (rank >= u.count || state[1] == 0u) {
+    let writes = mode.writes == 1u;
+    if (rank > u.count || (writes && state[1] == 0u)) {
         return;
     }
-    var at = starts[rank];
-    let end = starts[rank + 1u];
-    if (at == end) {
-        return;
-    }
-    let s = splats[rank];
-    let columns = range_of(s.columns);
-    let rows = range_of(s.rows);
-    for (var ty = rows.x; ty < rows.y; ty++) {
-        for (var tx = columns.x; tx < columns.y; tx++) {
-            // `project` counted with the same function, but its compilation may round differently:
-            // never write past the count.
-            if (at < end && touches(s, tx, ty)) {
-                slot_tiles[at] = ty * u.tiles_x + tx;
-                slot_ids[at] = rank;
-                at++;
+    let first = starts[rank];
+    var n = 0u;
+    if (rank < min(u.count, u.most_splats) && depth_keys_b[rank] != CULLED) {
+        let s = splats[rank];
+        let columns = range_of(s.columns);
+        let rows = range_of(s.rows);
+        for (var ty = rows.x; ty < rows.y; ty++) {
+            for (var tx = columns.x; tx < columns.y; tx++) {
+                if (!touches(s, tx, ty)) {
+                    continue;
+                }
+                if (writes) {
+                    slot_tiles[first + n] = ty * u.tiles_x + tx;
+                    slot_ids[first + n] = rank;
+                }
+                n++;
             }
         }
     }
-    // For the same reason slots may be left over: they belong to no tile and sort last.
-    for (; at < end; at++) {
-        slot_tiles[at] = u.tiles_x * u.tiles_y;
-        slot_ids[at] = rank;
+    if (!writes) {
+        starts[rank] = n;
     }
 }

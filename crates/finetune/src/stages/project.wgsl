@@ -1,13 +1,11 @@
-// Stage `project`: one splat per Gaussian of a page that the band of the view shows, its depth key, and the
-// number of tiles of the band that it touches.
+// Stage `project`: one splat per Gaussian of a page that the band of the view shows, and its depth key.
 
 @group(0) @binding(1) var<storage, read> means: array<f32>;
 @group(0) @binding(2) var<storage, read> geo: array<f32>;
 @group(0) @binding(3) var<storage, read> sh: array<f32>;
 @group(0) @binding(4) var<storage, read_write> page_splats: array<Splat>;
-@group(0) @binding(5) var<storage, read_write> page_counts: array<u32>;
 // Of all pages.
-@group(0) @binding(6) var<storage, read_write> keys: array<u32>;
+@group(0) @binding(5) var<storage, read_write> keys: array<u32>;
 
 fn load_sh(i: u32, k: u32) -> vec3<f32> {
     let at = 3u * (i * u.sh_len + k);
@@ -60,8 +58,7 @@ fn project(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_in
     if (i >= page.count) {
         return;
     }
-    keys[page.first + i] = 0xffffffffu;
-    page_counts[i] = 0u;
+    keys[page.first + i] = CULLED;
     let opacity = sigmoid(load_opacity(i));
     let o255 = opacity * 255.0;
     let f = frame_of(i);
@@ -116,15 +113,6 @@ fn project(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_in
         colour,
         shown_rows.x | (shown_rows.y << 16u),
     );
-    var n = 0u;
-    for (var ty = shown_rows.x; ty < shown_rows.y; ty++) {
-        for (var tx = columns.x; tx < columns.y; tx++) {
-            if (touches(s, tx, ty)) {
-                n++;
-            }
-        }
-    }
     page_splats[i] = s;
     keys[page.first + i] = bitcast<u32>(f.m.z);
-    page_counts[i] = n;
 }

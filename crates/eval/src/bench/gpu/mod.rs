@@ -77,7 +77,9 @@ pub fn run(options: &GpuOptions) -> Result<()> {
     page.text(format!(
         "`cargo xtask bench-gpu`: {name}, beside the processor ({}). Random scenes of SH degree 3, a view of \
          {side}x{side} pixels, mean squared error. Twins: the first step in both executors; how far the loss is apart, \
-         and Adam's first moments, over the largest. Memory: all buffers on the device; at most 128 MiB a binding.",
+         and Adam's first moments, over the largest. Behind the slash is what two steps on the processor are apart if \
+         the depths move by a unit in the last place: the scene is flat, many depths are equal, and a GPU that fuses \
+         products and sums orders them differently. Memory: all buffers on the device; at most 128 MiB a binding.",
         manifest::machine(),
         side = options.side,
     ));
@@ -107,8 +109,8 @@ fn by_size(options: &GpuOptions, clock: &Clock, shot: &dyn Fn(usize) -> Shot) ->
                 gaussians,
                 format!("{:.2}", f.steps_per_second),
                 format!("{:.2}", f.cpu_steps_per_second),
-                format!("{:.1e}", f.loss_apart),
-                format!("{:.1e}", f.moments_apart),
+                format!("{:.0e} / {:.0e}", f.loss_apart, f.by_order[0]),
+                format!("{:.0e} / {:.0e}", f.moments_apart, f.by_order[1]),
                 format!("{:.0}", f.device_mb),
                 gsplat(shot(gaussians), clock),
             ],
@@ -136,10 +138,10 @@ fn gsplat(shot: Shot, clock: &Clock) -> String {
     measured().map_or_else(|e| format!("failed: {e:#}"), |rate| format!("{rate:.2}"))
 }
 
-/// The words on a whole tune of the scene.
+/// The words on a whole tune of the scene, with and without the GPU.
 fn whole_tune(options: &GpuOptions, clock: &Clock, gsvx: Option<&GsvxCommand>) -> String {
     let scene = &options.scene;
-    let tuned = || -> Result<(f64, f64)> {
+    let tuned = |backend: &str| -> Result<String> {
         let gsvx = gsvx.context("the command refuses a software adapter")?;
         let found = scenes::find(scene)?;
         let dir = tempfile::tempdir()?;
@@ -147,14 +149,15 @@ fn whole_tune(options: &GpuOptions, clock: &Clock, gsvx: Option<&GsvxCommand>) -
         command.args(["--json", "tune"]).arg(&found.dataset.model_path).arg("--cameras");
         command
             .arg(&found.dataset.dir)
-            .args(["--backend", "gpu", "-o"])
+            .args(["--backend", backend, "-o"])
             .arg(dir.path().join("s.gsvx"));
         let done = process::run(&mut command, clock.left())?;
-        Ok((done.wall, done.peak_mb))
+        Ok(format!("{:.0} s, {:.0} MB of the host's memory", done.wall, done.peak_mb))
     };
-    match tuned() {
-        Ok((wall, peak)) => format!(
-            "`gsvx tune` of {scene} with `--backend gpu`: {wall:.0} s, {peak:.0} MB of the host's memory."
+    match tuned("gpu").and_then(|gpu| Ok((gpu, tuned("cpu")?))) {
+        Ok((gpu, cpu)) => format!(
+            "`gsvx tune` of {scene}, whole: with `--backend gpu` {gpu}; on the processor {cpu}. Pruning runs on the \
+             processor in both."
         ),
         Err(e) => {
             eprintln!("SKIPPED: a whole tune of {scene}: {e:#}");
