@@ -80,7 +80,7 @@ fn a_target_in_bytes_is_met_or_missed_with_exit_code_3() {
     said(&quick(dir.path(), "a.gsvx").args(["--target-bytes", "4500"]).output().unwrap());
     assert!(std::fs::metadata(dir.path().join("a.gsvx")).unwrap().len() <= 4500);
     // A poor result says so.
-    let out = quick(dir.path(), "poor.gsvx").args(["--target-bytes", "1500"]).output().unwrap();
+    let out = quick(dir.path(), "poor.gsvx").args(["--target-bytes", "800"]).output().unwrap();
     assert!(heard(&out).contains("easy to see"), "{out:?}");
     let out = quick(dir.path(), "b.gsvx").args(["--target-bytes", "100"]).output().unwrap();
     let error = heard(&out);

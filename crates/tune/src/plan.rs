@@ -86,7 +86,7 @@ impl TunePlan {
     pub(crate) fn with(self, effort: TuneEffort) -> Self {
         let (rounds, round_steps, loop_steps) = match effort {
             TuneEffort::Quick => (3, 80, 270),
-            TuneEffort::Normal => (4, 300, 1600),
+            TuneEffort::Normal => (4, 300, 1200),
             TuneEffort::Long => (5, 1000, 9000),
         };
         Self { rounds, round_steps, loop_steps, ..self }

@@ -13,9 +13,10 @@ const MEAN_RATE: f32 = 2e-5;
 /// Rates fall to this fraction in a loop.
 const FINAL_RATE: f64 = 0.1;
 
-/// The factor of all rates after `done` of `steps` steps. It falls from 1 to `last`.
-pub(crate) fn decay(last: f64, done: u64, steps: u64) -> f32 {
-    libm::pow(last, done as f64 / steps.saturating_sub(1).max(1) as f64) as f32
+/// The factor of all rates after `done` of `steps` steps. It is 1 for the first `held`, then it falls to `last`.
+pub(crate) fn decay(last: f64, held: u64, done: u64, steps: u64) -> f32 {
+    let (done, steps) = (done.saturating_sub(held), steps.saturating_sub(held + 1));
+    libm::pow(last, done as f64 / steps.max(1) as f64) as f32
 }
 
 /// Rate of the means that move.
@@ -49,8 +50,7 @@ impl SceneLoop {
 
     /// What the rates of the next step are multiplied by.
     pub(crate) fn decay(&self) -> f32 {
-        let (done, steps) = (self.done.saturating_sub(self.held), self.steps - self.held);
-        decay(FINAL_RATE, done, steps)
+        decay(FINAL_RATE, self.held, self.done, self.steps)
     }
 
     /// Changes scene and moments together.

@@ -26,7 +26,12 @@ pub(crate) enum Stage {
 pub(crate) fn round(plan: &TunePlan, views: &mut Views, kept: Scene, round: u64) -> Stage {
     views.gradients.move_means(true);
     let recovery = SceneLoop::new(kept, mean_rate(&views.cameras), plan.round_steps);
-    Stage::Round { round, recovery: Box::new(recovery) }
+    Stage::Round { round, recovery: steady(recovery) }
+}
+
+/// Rates that do not fall: the next round or the loop goes on from here.
+fn steady(recovery: SceneLoop) -> Box<SceneLoop> {
+    Box::new(SceneLoop { held: recovery.steps, ..recovery })
 }
 
 /// Voxelizes and puts the codec into the loop.
@@ -99,7 +104,7 @@ impl Stage {
         match input.integers()?[..] {
             [0, round] => {
                 let recovery = SceneLoop::read(input, mean_rate(&views.cameras), plan.round_steps)?;
-                Ok(Self::Round { round, recovery: Box::new(recovery) })
+                Ok(Self::Round { round, recovery: steady(recovery) })
             }
             [1, done, degree @ 0..=3] => {
                 let latents = read_latents(input, layout, degree as u8)?;
