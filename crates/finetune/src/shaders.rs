@@ -20,7 +20,7 @@ const RECORD_BATCH: u32 = 16;
 const BLOCKS: u32 = 8;
 /// Lanes of a tile, which are those of a workgroup.
 pub(crate) const TILE_LANES: u32 = 4 * BLOCKS;
-/// Words of these sums: a row per splat and sum, see blend_adjoint.wgsl.
+/// Words of the partial sums of `blend_adjoint` in workgroup memory: a row per splat and sum.
 const RECORD_WORDS: u32 = RECORD_BATCH * 7 * (TILE_LANES + 1);
 /// Pixels of a run in the stage `loss`, where a lane handles a run.
 pub(crate) const LOSS_RUN: u32 = 8;

@@ -182,8 +182,8 @@ fn project_agrees() {
     }
     const FIELDS: [&str; 12] =
         ["x", "y", "p", "q", "r", "cut", "opacity", "columns", "red", "green", "blue", "rows"];
-    // Mesa reassociates the products of the rotation and the sums of the colour.
     const WORDS: [&str; 2] = ["columns", "rows"];
+    // Mesa reassociates the products of the rotation and the sums of the colour.
     const INEXACT: [&str; 6] = ["p", "q", "r", "red", "green", "blue"];
     for (k, field) in FIELDS.iter().enumerate() {
         let column = |v: &[f32]| v.iter().skip(k).step_by(12).copied().collect::<Vec<_>>();

@@ -27,14 +27,11 @@ fn blend(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_inde
         return;
     }
     let block = lane / 4u;
-    let corner = corner_of(tile, block);
-    let column_l = corner.x + lane % 4u;
-    let column_r = column_l + 4u;
-    let rows = vec4<u32>(corner.y) + vec4<u32>(0u, 1u, 2u, 3u);
-    let y = vec4<f32>(rows) + vec4<f32>(0.5);
+    let columns = columns_of(tile, lane);
+    let y = columns.y;
     //@each side l r
-    let x_$side = f32(column_$side) + 0.5;
-    var t_$side = start_of(column_$side, rows);
+    let x_$side = f32(columns.$side) + 0.5;
+    var t_$side = start_of(columns.$side, columns.rows);
     var red_$side = vec4<f32>();
     var green_$side = vec4<f32>();
     var blue_$side = vec4<f32>();
@@ -73,9 +70,8 @@ fn blend(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_inde
         }
     }
     last[tile * TILE_LANES + lane] = done;
-    let at_l = tile * 1024u + offset_of(block) + lane % 4u;
-    let at_r = at_l + 4u;
     //@each side l r
+    let at_$side = tile * 1024u + columns.at_$side;
     store(at_$side, red_$side);
     store(at_$side + 256u, green_$side);
     store(at_$side + 512u, blue_$side);

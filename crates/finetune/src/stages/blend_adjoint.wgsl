@@ -70,20 +70,15 @@ fn blend_adjoint(
     let wanted = u.first_row * u.tiles_x + group_index(group);
     let tile = min(wanted, tiles - 1u);
     let block = lane / 4u;
-    let corner = corner_of(tile, block);
-    let column_l = corner.x + lane % 4u;
-    let column_r = column_l + 4u;
-    let rows = vec4<u32>(corner.y) + vec4<u32>(0u, 1u, 2u, 3u);
-    let y = vec4<f32>(rows) + vec4<f32>(0.5);
-    let at_l = offset_of(block) + lane % 4u;
-    let at_r = at_l + 4u;
+    let columns = columns_of(tile, lane);
+    let y = columns.y;
     //@each side l r
-    let x_$side = f32(column_$side) + 0.5;
-    var t_$side = start_of(column_$side, rows);
-    let red_$side = gradients_at(tile * 768u + at_$side);
-    let green_$side = gradients_at(tile * 768u + at_$side + 256u);
-    let blue_$side = gradients_at(tile * 768u + at_$side + 512u);
-    var rg_$side = light(tile * 1024u + at_$side, red_$side, green_$side, blue_$side);
+    let x_$side = f32(columns.$side) + 0.5;
+    var t_$side = start_of(columns.$side, columns.rows);
+    let red_$side = gradients_at(tile * 768u + columns.at_$side);
+    let green_$side = gradients_at(tile * 768u + columns.at_$side + 256u);
+    let blue_$side = gradients_at(tile * 768u + columns.at_$side + 512u);
+    var rg_$side = light(tile * 1024u + columns.at_$side, red_$side, green_$side, blue_$side);
     //@end
     // Tiles past the last have empty lists.
     let first = offsets[tile];

@@ -5,16 +5,25 @@
 
 const STOP = vec4<f32>(T_STOP);
 
-// Corner pixel of a block.
-fn corner_of(tile: u32, block: u32) -> vec2<u32> {
-    let x = (tile % u.tiles_x) * TILE + (block / 4u) * 8u;
-    let y = (tile / u.tiles_x) * TILE + (block % 4u) * 4u;
-    return vec2<u32>(x, y);
+// The pixels of a lane: its columns of both halves, their rows, the rows' centres, and where the first pixel of each
+// column is in a plane of the tile's 256.
+struct Columns {
+    l: u32,
+    r: u32,
+    rows: vec4<u32>,
+    y: vec4<f32>,
+    at_l: u32,
+    at_r: u32,
 }
 
-// Index of the block's first pixel within a plane of the tile's 256.
-fn offset_of(block: u32) -> u32 {
-    return (block % 4u) * 4u * TILE + (block / 4u) * 8u;
+fn columns_of(tile: u32, lane: u32) -> Columns {
+    let block = lane / 4u;
+    let x = (block / 4u) * 8u + lane % 4u;
+    let y = (block % 4u) * 4u;
+    let column = (tile % u.tiles_x) * TILE + x;
+    let rows = vec4<u32>((tile / u.tiles_x) * TILE + y) + vec4<u32>(0u, 1u, 2u, 3u);
+    let at = y * TILE + x;
+    return Columns(column, column + 4u, rows, vec4<f32>(rows) + vec4<f32>(0.5), at, at + 4u);
 }
 
 // Initial transmittance of a column. Pixels beyond the image's edge begin as stopped.

@@ -1,6 +1,6 @@
 // Stage `emit`: one (tile, slot) pair per Gaussian and tile that it touches, in depth order. The entry point runs
-// twice: first it counts, then, behind the sums of the counts, it writes the pairs. A GPU fuses products and sums, in
-// each entry point differently, so that two of them would not find the same tiles.
+// twice: it counts the pairs, and after the scan of the counts it writes them. The compiler of a GPU may fuse products
+// and sums in each entry point differently, and two of them would not find the same tiles.
 
 struct Mode {
     // 1 if the pairs are written, 0 if they are counted.
@@ -11,7 +11,7 @@ struct Mode {
 }
 
 @group(0) @binding(1) var<storage, read> splats: array<Splat>;
-// The counts, and behind them a zero; then the sums of the counts before, and the total.
+// The counts, then a zero. After the scan: the first slot of each Gaussian, then the number of slots.
 @group(0) @binding(2) var<storage, read_write> starts: array<u32>;
 @group(0) @binding(3) var<storage, read> depth_keys_b: array<u32>;
 @group(0) @binding(4) var<storage, read_write> state: array<u32>;
