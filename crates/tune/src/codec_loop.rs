@@ -23,8 +23,7 @@ use crate::scene_loop::decay;
 
 /// Adam's rates of the channels at the first step: ln(alpha), DC, the other SH coefficients, covariance.
 const RATES: [f32; 4] = [0.012, 0.0036, 4.8e-4, 0.006];
-/// Rates keep their value in this first part of the loop, then they fall to a fraction. Rates that fall from the start
-/// cost 7 to 15 % of the bytes (quick; bonsai, fox, room; against rates that are held for half of the loop).
+/// Rates keep their value in this first part of the loop, then they fall to a fraction: see docs/results/tune.md.
 const HELD: f64 = 0.7;
 const FINAL_RATE: f64 = 0.05;
 /// The codec runs, and the bits have a gradient, once in this many steps.
