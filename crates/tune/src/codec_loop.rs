@@ -21,8 +21,9 @@ use crate::options::Layout;
 use crate::plan::{self, DC_BASIS, TunePlan};
 use crate::scene_loop::decay;
 
-/// Adam's rates of the channels at the first step: ln(alpha), DC, the other SH coefficients, covariance.
-const RATES: [f32; 4] = [0.012, 0.0036, 4.8e-4, 0.006];
+/// Adam's rates of the channels at the first step, over the quantisation step of the DC values: ln(alpha), DC, the
+/// other SH coefficients, covariance. So a value moves by the same part of its quantisation step at each quality.
+const RATES: [f32; 4] = [0.105, 0.032, 0.0042, 0.053];
 /// Rates keep their value in this first part of the loop, then they fall to a fraction: see docs/results/tune.md.
 const HELD: f64 = 0.7;
 const FINAL_RATE: f64 = 0.05;
@@ -175,8 +176,8 @@ impl CodecLoop {
         // The price of a bit, where the codec runs.
         let lambda = if coded { self.lambda() as f32 } else { 0.0 };
         let held = (HELD * self.steps as f64) as u64;
-        let decay = decay(FINAL_RATE, held, self.done, self.steps);
-        let rates = RATES.map(|r| r * decay);
+        let scale = self.latents.steps().dc * decay(FINAL_RATE, held, self.done, self.steps);
+        let rates = RATES.map(|rate| rate * scale);
         #[cfg(feature = "gpu")]
         if self.device.is_some() && fit && !self.settled {
             self.settle()?;

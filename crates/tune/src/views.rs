@@ -46,7 +46,7 @@ const BESIDE_RENDERS: Share = Share { of_steps: 0.5, of_gradients: 1.0, of_pixel
 /// it is the first of these up to the first quality, and the second from the second quality on.
 const BESIDE_PHOTOS: Share = Share { of_steps: 0.125, of_gradients: 0.1, of_pixels: 0.1 };
 const BESIDE_PHOTOS_AT_HIGH: Share = Share { of_steps: 0.5, of_gradients: 3.0, ..BESIDE_PHOTOS };
-const GROWS_BETWEEN: [f32; 2] = [58.0, 90.0];
+const GROWS_BETWEEN: [f32; 2] = [50.0, 90.0];
 
 impl Share {
     /// Of a run to photos, or to renders.
@@ -343,7 +343,7 @@ mod tests {
 
     #[test]
     fn nearby_views_count_more_at_high_qualities() {
-        let [low, middle, high] = [40.0, 74.0, 90.0].map(Share::at);
+        let [low, middle, high] = [40.0, 70.0, 90.0].map(Share::at);
         assert_eq!((low.of_steps, low.of_gradients), (0.125, 0.1));
         assert!((middle.of_steps - 0.25).abs() < 1e-9);
         assert!((middle.of_gradients - 0.3f32.sqrt()).abs() < 1e-6);
