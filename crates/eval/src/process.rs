@@ -130,7 +130,9 @@ impl GsvxCommand {
     /// Runs `gsvx --json WORDS -o OUTPUT`.
     pub(crate) fn make(&self, words: &[&dyn AsRef<OsStr>], output: &Path) -> Result<Done> {
         // Replacing a file would also measure the disk.
-        if output.exists() {
+        if output.is_dir() {
+            std::fs::remove_dir_all(output)?;
+        } else if output.exists() {
             std::fs::remove_file(output)?;
         }
         self.run(&[words, &[&"-o", &output]].concat())
