@@ -21,8 +21,8 @@ use crate::options::Layout;
 use crate::plan::{self, DC_BASIS, TunePlan};
 use crate::scene_loop::decay;
 
-/// Adam's rates of the channels at the first step, over the quantisation step of the DC values: ln(alpha), DC, the
-/// other SH coefficients, covariance. So a value moves by the same part of its quantisation step at each quality.
+/// Adam's rates of the channels at the first step, divided by the quantisation step of the DC values: ln(alpha), DC,
+/// the other SH coefficients, covariance. So a value moves by the same part of its quantisation step at each quality.
 const RATES: [f32; 4] = [0.105, 0.032, 0.0042, 0.053];
 /// Rates keep their value in this first part of the loop, then they fall to a fraction: see docs/results/tune.md.
 const HELD: f64 = 0.7;

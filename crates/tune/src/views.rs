@@ -42,8 +42,8 @@ struct Share {
 /// Beside renders of the input model, nearby views count the same.
 const BESIDE_RENDERS: Share = Share { of_steps: 0.5, of_gradients: 1.0, of_pixels: 1.0 };
 /// Beside photos they count less, because photos are better targets than renders. At a high quality the codec loses
-/// little, and a stream differs from its input mostly because it follows the photos. So the share grows with the quality:
-/// it is the first of these up to the first quality, and the second from the second quality on.
+/// little, and a stream differs from its input mostly because it follows the photos. So the share grows between the two
+/// qualities of `GROWS_BETWEEN`: see docs/results/tune.md.
 const BESIDE_PHOTOS: Share = Share { of_steps: 0.125, of_gradients: 0.1, of_pixels: 0.1 };
 const BESIDE_PHOTOS_AT_HIGH: Share = Share { of_steps: 0.5, of_gradients: 3.0, ..BESIDE_PHOTOS };
 const GROWS_BETWEEN: [f32; 2] = [50.0, 90.0];
