@@ -71,9 +71,14 @@ const LEANING_HALF: f64 = 1.07;
 const OTHER_WAY: f64 = 0.97;
 /// Cameras that on average see less than this share of all Gaussians look at specks.
 const SPECKS_SEE: f64 = 0.2;
+/// Gaussians that are looked at, about, at most.
+const SAMPLE: usize = 1 << 16;
+
 /// Finds a circle; `None` for a scene without a Gaussian.
 #[must_use]
 pub fn find(scene: &Scene, constraints: &Constraints) -> Option<Placement> {
+    let (sample, _) = thinned(scene, SAMPLE);
+    let scene = &sample;
     let found = find_around(scene, Bulk::of(scene, Weigh::Detail)?, constraints, Weigh::Detail);
     // In some models the smallest Gaussians are specks in the air: then all count alike.
     let seen = ThinnedScene::of(scene, constraints.tangents, Weigh::Alike).all(&found.ring);
@@ -88,19 +93,6 @@ pub fn find(scene: &Scene, constraints: &Constraints) -> Option<Placement> {
 pub fn unit(direction: [f64; 3]) -> [f64; 3] {
     let direction = DVec3::from_array(direction);
     direction.normalize_or(direction).to_array()
-}
-
-/// Gaussians of the copy that [`find_quickly`] looks at, and its height, degrees.
-const FEWER: usize = 8_000;
-const QUICK_ELEVATION: f64 = 20.0;
-
-/// As [`find`], but from some of the Gaussians and at one height, with -y up. It takes a tenth of a second for a model
-/// of any size.
-#[must_use]
-pub fn find_quickly(scene: &Scene, tangents: [f64; 2]) -> Option<Placement> {
-    let (up, elevation) = (Some(COLMAP_UP.to_array()), Some(QUICK_ELEVATION));
-    let (thin, _) = thinned(scene, FEWER);
-    find(&thin, &Constraints { up, radius: None, elevation, tangents })
 }
 
 /// The distance at which the bulk's sphere nearly touches the edges of the image.
@@ -148,22 +140,23 @@ const COLMAP_UP: DVec3 = DVec3::NEG_Y;
 /// help too, and leaning the other way must not, or it is by chance.
 fn lean(thin: &ThinnedScene, ring: &Ring) -> Option<DVec3> {
     let upright = thin.all(ring);
+    let at = |eighth: usize, degrees: f64| {
+        let turn = std::f64::consts::TAU * eighth as f64 / 8.0;
+        let (sin, cos) = (libm::sin(degrees.to_radians()), libm::cos(degrees.to_radians()));
+        DVec3::new(sin * libm::cos(turn), -cos, sin * libm::sin(turn))
+    };
+    let sees = |up: DVec3| thin.all(&Ring { up, ..*ring });
+    let half: [f64; 8] = std::array::from_fn(|eighth| sees(at(eighth, 20.0)));
     let mut best = (None, LEANING * upright);
     for eighth in 0..8 {
-        let turn = std::f64::consts::TAU * f64::from(eighth) / 8.0;
-        let at = |degrees: f64| {
-            let (sin, cos) = (libm::sin(degrees.to_radians()), libm::cos(degrees.to_radians()));
-            DVec3::new(sin * libm::cos(turn), -cos, sin * libm::sin(turn))
-        };
-        let ups = [at(20.0), at(40.0)];
-        let sees = ups.map(|up| thin.all(&Ring { up, ..*ring }));
-        let other = thin.all(&Ring { up: ups[0] * DVec3::new(-1.0, 1.0, -1.0), ..*ring });
-        let least = sees[0].min(sees[1]);
-        if other < OTHER_WAY * upright
-            && least > LEANING_HALF * upright
-            && sees[0].max(sees[1]) > best.1
-        {
-            best = (Some(ups[usize::from(sees[1] > sees[0])]), sees[0].max(sees[1]));
+        let (here, other) = (half[eighth], half[(eighth + 4) % 8]);
+        if other >= OTHER_WAY * upright || here <= LEANING_HALF * upright {
+            continue;
+        }
+        let full = sees(at(eighth, 40.0));
+        if full > LEANING_HALF * upright && full.max(here) > best.1 {
+            let degrees = if full > here { 40.0 } else { 20.0 };
+            best = (Some(at(eighth, degrees)), full.max(here));
         }
     }
     best.0

@@ -1,36 +1,33 @@
 //! How alike two versions of a model look, quickly: an estimate for models with and without cameras.
 //!
-//! The middle of a few views is drawn, from the one and from the other, at the resolution of a photo: a whole view of
-//! fewer pixels would hide what is lost. Pictures are compared at 8 bits, as screens show them.
+//! Of a few views a quarter each is drawn, from the one and from the other. The quarters together show as much of the
+//! background as whole views do, so that the PSNR is that of whole views, and a quarter of the Gaussians is drawn.
 
 use crate::forward::render;
-use crate::framing;
-use crate::image::Photo;
+use crate::framing::{self, Constraints};
+use crate::image::Image;
 use crate::metrics;
 use crate::options::RenderOptions;
-use crate::train_view::TrainView;
 use gs_model::{Camera, Scene};
 
-/// Views that are looked at.
-const VIEWS: usize = 4;
-/// Size of the pictures, pixels.
-const SIZE: [u32; 2] = [256, 192];
-/// Width of the generated views, pixels, and tangent of half their field of view.
-const WIDTH: f64 = 960.0;
-const TANGENT: f64 = 0.577;
+/// Views that are looked at: of given cameras, which see different things, and of cameras around what matters.
+const GIVEN: usize = 8;
+const AROUND: usize = 4;
+/// Pixels of a whole view, at most.
+const PIXELS: u32 = framing::SIZE[0] * framing::SIZE[1];
 /// PSNR of equal pictures, and the greatest that is told, dB.
 const EQUAL: f64 = 99.0;
 
 /// The pictures of a model, for comparison with those of another version of it.
 #[derive(Clone, Debug)]
 pub struct Pictures {
-    views: Vec<TrainView>,
+    views: Vec<(Camera, Image)>,
 }
 
 /// How alike two versions of a model look.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Likeness {
-    /// Mean over the views, dB; 99 for equal pictures.
+    /// Of the mean squared error of the views, dB; 99 for equal pictures.
     pub psnr: f64,
     /// Mean over the views.
     pub ssim: f64,
@@ -44,15 +41,20 @@ impl Pictures {
     pub fn of(scene: &Scene, cameras: Option<&[Camera]>) -> Self {
         let cameras = match cameras {
             Some(given) => {
-                let step = given.len().div_ceil(VIEWS).max(1);
-                given.iter().step_by(step).map(middle).collect()
+                let step = given.len().div_ceil(GIVEN).max(1);
+                given.iter().step_by(step).cloned().collect()
             }
             None => around(scene),
         };
-        let views = cameras.into_iter().map(|camera| TrainView::rendered(scene, camera));
+        let quarters = cameras.iter().enumerate().map(|(i, camera)| quarter(camera, i));
+        let drawn = quarters.map(|camera| {
+            let image = render(scene, &camera, &RenderOptions::default());
+            (camera, image)
+        });
         // Where nothing is drawn there is nothing to compare.
-        let shows = |view: &TrainView| view.photo.rgb.iter().any(|&v| v > 0);
-        Self { views: views.filter(shows).collect() }
+        let views: Vec<_> = drawn.collect();
+        let empty = views.iter().all(|(_, image)| image.rgb.iter().all(|&v| v == 0.0));
+        Self { views: if empty { Vec::new() } else { views } }
     }
 
     /// True if the pictures show nothing: there is nothing to compare.
@@ -64,16 +66,16 @@ impl Pictures {
     /// Compares with another version of the model; `None` if the pictures show nothing.
     #[must_use]
     pub fn likeness(&self, scene: &Scene) -> Option<Likeness> {
-        let (mut psnr, mut ssim) = (0.0, 0.0);
-        for TrainView { camera, photo } in &self.views {
+        let (mut squared_error, mut ssim) = (0.0, 0.0);
+        for (camera, image) in &self.views {
             let shown = render(scene, camera, &RenderOptions::default());
-            let [a, b] = [Photo::from(&shown).image(), photo.image()];
-            psnr += metrics::psnr(&a, &b).min(EQUAL);
-            ssim += metrics::ssim(&a, &b);
+            squared_error += metrics::squared_error(&shown, image);
+            ssim += metrics::ssim(&shown, image);
         }
         let views = self.views.len();
         let n = views as f64;
-        (views > 0).then(|| Likeness { psnr: psnr / n, ssim: ssim / n, views })
+        let psnr = metrics::decibels(squared_error / n).min(EQUAL);
+        (views > 0).then_some(Likeness { psnr, ssim: ssim / n, views })
     }
 }
 
@@ -94,18 +96,20 @@ impl Likeness {
     }
 }
 
-/// The middle of a view, pixel by pixel.
-fn middle(camera: &Camera) -> Camera {
-    let [width, height] = [SIZE[0].min(camera.width), SIZE[1].min(camera.height)];
-    let left = f64::from((camera.width - width) / 2);
-    let top = f64::from((camera.height - height) / 2);
-    Camera { width, height, cx: camera.cx - left, cy: camera.cy - top, ..camera.clone() }
+/// A quarter of a view: another one of each.
+fn quarter(camera: &Camera, index: usize) -> Camera {
+    let camera = camera.within(PIXELS);
+    let [width, height] = [camera.width, camera.height].map(|side| side.div_ceil(2));
+    let [right, lower] = [index & 1, index >> 1 & 1].map(|place| place as u32);
+    let [left, top] = [right * (camera.width - width), lower * (camera.height - height)];
+    let [cx, cy] = [camera.cx - f64::from(left), camera.cy - f64::from(top)];
+    Camera { width, height, cx, cy, ..camera }
 }
 
 /// Views of what matters in a model.
 fn around(scene: &Scene) -> Vec<Camera> {
-    let tangents = [TANGENT, TANGENT * f64::from(SIZE[1]) / f64::from(SIZE[0])];
-    let Some(found) = framing::find_quickly(scene, tangents) else { return Vec::new() };
-    let focal = 0.5 * WIDTH / TANGENT;
-    found.cameras(VIEWS as u32, "view", SIZE, focal)
+    let constraints = Constraints::default();
+    let Some(found) = framing::find(scene, &constraints) else { return Vec::new() };
+    let focal = 0.5 * f64::from(framing::SIZE[0]) / constraints.tangents[0];
+    found.cameras(AROUND as u32, "view", framing::SIZE, focal)
 }

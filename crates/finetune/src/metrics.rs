@@ -9,6 +9,16 @@ use crate::image::Image;
 /// render as `a` and the 8-bit photo as `b`: the convention of the 3DGS literature.
 #[must_use]
 pub fn psnr(a: &Image, b: &Image) -> f64 {
+    decibels(squared_error(a, b))
+}
+
+/// The PSNR, dB, of a mean squared error.
+pub(crate) fn decibels(squared_error: f64) -> f64 {
+    -10.0 * libm::log10(squared_error)
+}
+
+/// Mean over all pixels and channels, as for [`psnr`].
+pub(crate) fn squared_error(a: &Image, b: &Image) -> f64 {
     if (a.width, a.height) != (b.width, b.height) || a.rgb.is_empty() {
         return f64::NAN;
     }
@@ -21,7 +31,7 @@ pub fn psnr(a: &Image, b: &Image) -> f64 {
             d * d
         })
         .sum();
-    -10.0 * libm::log10(sum / a.rgb.len() as f64)
+    sum / a.rgb.len() as f64
 }
 
 /// Mean SSIM over pixels and channels: 11x11 Gaussian window of sigma 1.5, zero padding,

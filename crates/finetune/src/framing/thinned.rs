@@ -1,6 +1,7 @@
 //! [`ThinnedScene`]: how much of the detail a camera sees, quickly.
 
 use gs_model::Scene;
+use rayon::prelude::*;
 
 use super::bulk::{Weigh, weights};
 use super::ring::{Placement, Ring};
@@ -23,7 +24,7 @@ pub(super) struct ThinnedScene {
 }
 
 /// Gaussians that a copy has at most.
-const MOST: usize = 16_000;
+const MOST: usize = 8_000;
 /// Pixels along the longer edge of its images.
 const EDGE_PIXELS: f64 = 64.0;
 /// A Gaussian that fills this much of a pixel is seen.
@@ -69,7 +70,8 @@ impl ThinnedScene {
     /// How much each of a few cameras on a circle sees, in descending order.
     fn few(&self, ring: &Ring) -> Vec<f64> {
         let turn = |i: u32| f64::from(i) / f64::from(FEW);
-        let mut seen: Vec<f64> = (0..FEW).map(|i| self.view(ring, turn(i))).collect();
+        let mut seen: Vec<f64> =
+            (0..FEW).into_par_iter().map(|i| self.view(ring, turn(i))).collect();
         seen.sort_by(|a, b| b.total_cmp(a));
         seen
     }
@@ -87,7 +89,7 @@ impl ThinnedScene {
     /// The part of a circle around its best camera from which as much is seen as from there.
     pub(super) fn arc(&self, ring: Ring) -> Placement {
         let turn = |i: u32| f64::from(i % MANY) / f64::from(MANY);
-        let seen: Vec<f64> = (0..MANY).map(|i| self.view(&ring, turn(i))).collect();
+        let seen: Vec<f64> = (0..MANY).into_par_iter().map(|i| self.view(&ring, turn(i))).collect();
         let best = (0..MANY).max_by(|&a, &b| {
             let order = seen[a as usize].total_cmp(&seen[b as usize]);
             order.then(b.cmp(&a))
