@@ -89,5 +89,5 @@ pub use saliency::{Saliency, saliency};
 pub use stages::loss::ViewLoss;
 pub use stages::project_adjoint::ParameterGradient;
 pub use stages::removal::{Worth, worth};
-pub use train_view::{TrainView, check_views};
+pub use train_view::{TrainView, check_cameras, check_views};
 pub use view_gradients::ViewGradients;

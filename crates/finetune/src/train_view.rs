@@ -5,8 +5,7 @@ use gs_model::{Camera, Scene};
 
 use crate::error::{Error, Result};
 use crate::forward::render;
-use crate::image::{Image, Photo};
-use crate::metrics::psnr;
+use crate::image::Photo;
 use crate::options::RenderOptions;
 
 /// A posed photo to train on.
@@ -30,13 +29,7 @@ impl TrainView {
     /// PSNR of a scene's render against the photo, dB; at most 100.
     #[must_use]
     pub fn psnr(&self, scene: &Scene) -> f64 {
-        self.psnr_of(&render(scene, &self.camera, &RenderOptions::default()))
-    }
-
-    /// PSNR of a render against the photo, dB; at most 100.
-    #[must_use]
-    pub fn psnr_of(&self, shown: &Image) -> f64 {
-        psnr(shown, &self.photo.image()).min(100.0)
+        self.photo.psnr_of(&render(scene, &self.camera, &RenderOptions::default()))
     }
 }
 
@@ -46,10 +39,26 @@ impl TrainView {
 /// # Errors
 /// [`Error::NoViews`], [`Error::PhotoSize`], [`Error::ViewSize`], [`Error::DistortedView`].
 pub fn check_views(views: &[TrainView]) -> Result<()> {
-    if views.is_empty() {
-        return Err(Error::NoViews);
-    }
+    check_cameras(views.iter().map(|view| &view.camera))?;
     for (index, TrainView { camera, photo }) in views.iter().enumerate() {
+        let (width, height) = (camera.width, camera.height);
+        let is_complete = photo.rgb.len() as u64 == 3 * u64::from(width) * u64::from(height);
+        if (photo.width, photo.height) != (width, height) || !is_complete {
+            let (name, photo) = (camera.name.clone(), (photo.width, photo.height));
+            return Err(Error::PhotoSize { index, name, photo, camera: (width, height) });
+        }
+    }
+    Ok(())
+}
+
+/// Checks that there are cameras, and that each is undistorted and of a possible size.
+///
+/// # Errors
+/// [`Error::NoViews`], [`Error::ViewSize`], [`Error::DistortedView`].
+pub fn check_cameras<'a>(cameras: impl IntoIterator<Item = &'a Camera>) -> Result<()> {
+    let mut cameras = cameras.into_iter().enumerate().peekable();
+    cameras.peek().ok_or(Error::NoViews)?;
+    for (index, camera) in cameras {
         let (width, height) = (camera.width, camera.height);
         let name = camera.name.clone();
         if width == 0 || height == 0 || !camera.image_fits() {
@@ -57,11 +66,6 @@ pub fn check_views(views: &[TrainView]) -> Result<()> {
         }
         if let Some(Lens { model, .. }) = camera.lens.clone() {
             return Err(Error::DistortedView { index, name, model });
-        }
-        let is_complete = photo.rgb.len() as u64 == 3 * u64::from(width) * u64::from(height);
-        if (photo.width, photo.height) != (width, height) || !is_complete {
-            let photo = (photo.width, photo.height);
-            return Err(Error::PhotoSize { index, name, photo, camera: (width, height) });
         }
     }
     Ok(())

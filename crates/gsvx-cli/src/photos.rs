@@ -7,6 +7,7 @@ use anyhow::{Context, Result};
 use finetune::TrainView;
 use gs_model::{Camera, Scene};
 use std::path::Path;
+use tune::Targets;
 
 /// Training views with their photos; none, with a warning, if there are no photos at all.
 pub(crate) fn photos(scene: &Scene, path: &Path, force: bool) -> Result<Vec<TrainView>> {
@@ -18,8 +19,12 @@ pub(crate) fn photos(scene: &Scene, path: &Path, force: bool) -> Result<Vec<Trai
     Ok(found.views)
 }
 
-/// Renders of the model at some cameras.
-pub(crate) fn renders(scene: &Scene, cameras: Vec<Camera>) -> Vec<TrainView> {
+/// Photos, or renders of the model.
+pub(crate) fn training(scene: &Scene, targets: Targets) -> Vec<TrainView> {
+    let cameras = match targets {
+        Targets::Photos(views) => return views,
+        Targets::Renders(cameras) => cameras,
+    };
     let bar = Meter::new("renders", cameras.len());
     let one = |camera: Camera| {
         let view = TrainView::rendered(scene, camera);

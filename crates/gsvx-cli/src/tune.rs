@@ -13,14 +13,14 @@ use crate::report::Reporter;
 use crate::{interrupt, photos, pictures, size, views};
 use anyhow::{Context, Result};
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
-use finetune::{Backend, RenderOptions, TrainView, render};
+use finetune::{Backend, RenderOptions, render};
 use gs_model::{Camera, Scene};
 use gsvx::EncodeOptions;
 use indicatif::DecimalBytes;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use tune::{
-    AgainstInput, FineTuneOptions, Layout, Progress, StopReason, Target, Tune, TuneEffort,
+    AgainstInput, FineTuneOptions, Layout, Progress, StopReason, Target, Targets, Tune, TuneEffort,
     TuneOptions, TuneOutcome,
 };
 
@@ -161,8 +161,8 @@ impl TuneArgs {
         }
     }
 
-    /// Views to tune on, and whether their images are renders of the model.
-    fn views(&self, scene: &Scene) -> Result<(Vec<TrainView>, bool)> {
+    /// What the model is tuned to.
+    fn targets(&self, scene: &Scene) -> Result<Targets> {
         let cameras = match (&self.cameras, self.orbit.orbit) {
             (Some(path), _) => {
                 let found = if self.distil {
@@ -171,14 +171,14 @@ impl TuneArgs {
                     photos::photos(scene, path, self.force_photos)?
                 };
                 if !found.is_empty() {
-                    return Ok((found, false));
+                    return Ok(Targets::Photos(found));
                 }
                 views::cameras(path)?
             }
             (None, Some(n)) => views::around(&self.orbit, n, &self.input, scene)?,
             (None, None) => return Err(usage("give --cameras or --orbit")),
         };
-        Ok((photos::renders(scene, cameras), true))
+        Ok(Targets::Renders(cameras))
     }
 
     /// Where to compute, said unless nobody asked.
@@ -208,7 +208,8 @@ pub(crate) fn run(args: &TuneArgs, report: Reporter) -> Result<()> {
     pictures.map_or(Ok(()), |folder| pictures::folder(folder, args.force))?;
     let backend = args.backend()?;
     let scene = args.reading.model(&args.input)?.scene;
-    let (training, distilled) = args.views(&scene)?;
+    let targets = args.targets(&scene)?;
+    let distilled = targets.are_renders();
     let cameras = args.cameras.as_deref().unwrap_or(&args.input);
     if args.profile == Profile::Paper {
         let tuning = FineTuneOptions {
@@ -222,10 +223,11 @@ pub(crate) fn run(args: &TuneArgs, report: Reporter) -> Result<()> {
             EncodeOptions::from_quality(args.quality.unwrap_or(gsvx::DEFAULT_QUALITY))?;
         args.layout().set(&mut options);
         let input = &*args.input;
+        let training = photos::training(&scene, targets);
         let job = PaperJob { input, cameras, scene, training, options, tuning, output, ply };
         return paper_tune::run(&args.paper, job, report);
     }
-    let outcome = tuned(args, scene, training, distilled, backend)?;
+    let outcome = tuned(args, scene, targets, backend)?;
     let written = if ply {
         output.write(|out| Ok(gs_model::ply::write_to(out, &outcome.scene)?))?
     } else {
@@ -235,27 +237,21 @@ pub(crate) fn run(args: &TuneArgs, report: Reporter) -> Result<()> {
 }
 
 /// Says what will be done, and does it.
-fn tuned(
-    args: &TuneArgs,
-    scene: Scene,
-    training: Vec<TrainView>,
-    distilled: bool,
-    backend: Backend,
-) -> Result<TuneOutcome> {
+fn tuned(args: &TuneArgs, scene: Scene, targets: Targets, backend: Backend) -> Result<TuneOutcome> {
     let name = || input::name(&args.input);
-    let pictured = args.pictures.as_deref().zip(training.first().map(|v| v.camera.clone()));
+    let pictured = args.pictures.as_deref().zip(targets.cameras().next().cloned());
+    let distilled = targets.are_renders();
     let gaussians = scene.len();
     let mut options = TuneOptions::new(args.target());
     options.layout = args.layout();
     options.effort = args.effort;
-    options.distil = distilled;
     options.drop_unseen = args.drop_unseen;
     options.backend = backend;
     options.seed = args.seed;
     options.checkpoint.clone_from(&args.checkpoint);
     options.cancel = Some(interrupt::cancel_flag());
     let mut bar = None;
-    let run = Tune::with_progress(scene, training, options, |_, all| {
+    let run = Tune::with_progress(scene, targets, options, |_, all| {
         bar.get_or_insert_with(|| Meter::new("input model", all)).inc();
     });
     drop(bar);

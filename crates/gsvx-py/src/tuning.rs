@@ -5,7 +5,7 @@ use crate::background::{Event, Line, run};
 use crate::cameras::{CameraArrays, Cameras};
 use crate::error::{Fault, Result};
 use ::finetune::{Photo, TrainView};
-use ::tune::{Layout, Photos, Progress, Target, Tune, TuneEffort, TuneOutcome};
+use ::tune::{Layout, Photos, Progress, Target, Targets, Tune, TuneEffort, TuneOutcome};
 use gs_model::{Camera, Scene, chain};
 use numpy::PyReadonlyArray3;
 use pyo3::prelude::*;
@@ -156,17 +156,6 @@ impl PhotoSource {
     }
 }
 
-/// Renders of the model at the cameras.
-fn renders(scene: &Scene, cameras: Vec<Camera>, line: &Line) -> Result<Vec<TrainView>> {
-    let n = cameras.len();
-    let one = |(i, camera): (usize, Camera)| {
-        let view = TrainView::rendered(scene, camera);
-        line.step("renders", i + 1, n)?;
-        Ok(view)
-    };
-    cameras.into_iter().enumerate().map(one).collect()
-}
-
 fn tune_scene(
     mut scene: Scene,
     cameras: Cameras,
@@ -185,17 +174,17 @@ fn tune_scene(
     found.check(&scene, options.force_photos)?;
     let Photos { views: training, mut warnings } = found;
     let distilled = training.is_empty();
-    let training = if distilled { renders(&scene, cameras.list, line)? } else { training };
+    let targets =
+        if distilled { Targets::Renders(cameras.list) } else { Targets::Photos(training) };
     let mut choices = ::tune::TuneOptions::new(options.target());
     choices.layout = options.layout();
     choices.effort = TuneEffort::named(&options.effort).unwrap_or_default();
-    choices.distil = distilled;
     choices.seed = options.seed;
     choices.drop_unseen = options.drop_unseen;
     choices.checkpoint.clone_from(&options.checkpoint);
     choices.cancel = Some(Arc::clone(&line.cancel));
     // A cancelled run ends after its first step.
-    let run = Tune::with_progress(scene, training, choices, |done, all| {
+    let run = Tune::with_progress(scene, targets, choices, |done, all| {
         let _ = line.step("input model", done, all);
     })?;
     let outcome = run.run(|p| {

@@ -6,9 +6,8 @@
 
 use std::path::Path;
 
-use finetune::TrainView;
 use finetune::optimiser::AdamMoments;
-use gs_model::Scene;
+use gs_model::{Camera, Scene};
 
 use crate::error::{Error, Result};
 
@@ -16,20 +15,24 @@ const MAGIC: [u8; 8] = *b"GSTUNECK";
 const VERSION: u32 = 2;
 
 /// A checksum of what a checkpoint must share with the run that goes on from it. `options` says in words what
-/// else they share.
-pub(crate) fn fingerprint(scene: &Scene, views: &[TrainView], options: &str) -> u32 {
+/// else they share. A view is a camera and a photo.
+pub(crate) fn fingerprint<'a>(
+    scene: &Scene,
+    views: impl IntoIterator<Item = (&'a Camera, &'a [u8])>,
+    options: &str,
+) -> u32 {
     let mut crc = 0;
     let mut add = |bytes: &[u8]| crc = crc32c::crc32c_append(crc, bytes);
     add(format!("{options} {}", scene.sh_degree).as_bytes());
     for array in [scene.means.as_flattened(), &scene.opacity_logits, scene.sh.as_flattened()] {
         array.iter().for_each(|v| add(&v.to_le_bytes()));
     }
-    for TrainView { camera: c, photo } in views {
+    for (c, photo) in views {
         add(&[c.width.to_le_bytes(), c.height.to_le_bytes()].concat());
         let matrix = c.rotation.to_cols_array();
         let numbers = [c.fx, c.fy, c.cx, c.cy].into_iter().chain(matrix);
         numbers.chain(c.translation.to_array()).for_each(|v| add(&v.to_le_bytes()));
-        photo.rgb.iter().step_by(97).for_each(|&v| add(&[v]));
+        photo.iter().step_by(97).for_each(|&v| add(&[v]));
     }
     crc
 }

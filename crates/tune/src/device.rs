@@ -105,6 +105,7 @@ mod tests {
     use crate::options::{Layout, Target, TuneOptions};
     use crate::plan::TunePlan;
     use crate::stage;
+    use crate::targets::Targets;
     use crate::views::Views;
     use finetune::kernels::PAGE_GAUSSIANS;
     use gs_model::{dataset, ply};
@@ -121,10 +122,11 @@ mod tests {
         let kept: Vec<usize> = (0..model.len()).step_by(every).collect();
         let scene = model.select(&kept);
         let load = |view: gs_model::View| crate::photo(&view.camera, &view.image_path).unwrap();
-        let views = dataset::open_views(room).unwrap().into_iter().take(6).map(load).collect();
+        let photos = dataset::open_views(room).unwrap().into_iter().take(6).map(load).collect();
         let mut options = TuneOptions::new(Target::Quality(PLAN.quality));
         options.drop_unseen = true;
-        let mut views = Views::look(&scene, views, &options, |_, _| ()).unwrap().views;
+        let mut views =
+            Views::look(&scene, Targets::Photos(photos), &options, |_, _| ()).unwrap().views;
         let goal = options.goal();
         let on_host = *stage::codec_loop(&PLAN, goal, &mut views, &scene).unwrap();
         let mut on_device = *stage::codec_loop(&PLAN, goal, &mut views, &scene).unwrap();

@@ -106,7 +106,12 @@ impl FineTune {
             let (value, range) = (ssim_weight.into(), "from 0 to 1");
             return Err(Error::Option { option: "SSIM weight", value, range });
         }
-        let fingerprint = fingerprint(&scene, &views, &format!("attributes {loss:?} {seed}"));
+        let told = format!("attributes {loss:?} {seed}");
+        let fingerprint = fingerprint(
+            &scene,
+            views.iter().map(|view| (&view.camera, &view.photo.rgb[..])),
+            &told,
+        );
         let views = Views::all(views, loss, seed)?;
         let mut trainer = Trainer::new(views, fingerprint, backend, checkpoint, cancel)?;
         let mut work = Attributes::new(scene, trainer.views.gradients.views(), options);

@@ -64,8 +64,6 @@ pub struct TuneOptions {
     pub effort: TuneEffort,
     /// A plan of the caller's instead of the one that follows from target and effort.
     pub plan: Option<TunePlan>,
-    /// The views are renders of the model, not photos. Nearby views then count as much as they do.
-    pub distil: bool,
     /// Leave out what the views do not show, and judge the scene at the views alone: fewer bytes, and good only where
     /// the cameras stand.
     pub drop_unseen: bool,
@@ -93,7 +91,6 @@ impl TuneOptions {
             layout: Layout::Finest,
             effort: TuneEffort::Normal,
             plan: None,
-            distil: false,
             drop_unseen: false,
             backend: Backend::Cpu,
             seed: 0,

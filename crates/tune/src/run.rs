@@ -1,6 +1,6 @@
 //! [`Tune`]: the run.
 
-use finetune::{BackendReport, TrainView, Worth};
+use finetune::{BackendReport, Worth};
 use gs_model::Scene;
 
 use crate::checkpoint::fingerprint;
@@ -13,6 +13,7 @@ use crate::probe::plan;
 use crate::progress::{Progress, StopReason, TuneOutcome};
 use crate::stage::at_degree;
 use crate::steering;
+use crate::targets::Targets;
 use crate::trainer::{Clock, Trainer, Work};
 use crate::views::{self, Looked, Views};
 
@@ -57,8 +58,8 @@ impl Tune {
     ///
     /// # Errors
     /// Those of [`Error`].
-    pub fn new(scene: Scene, views: Vec<TrainView>, options: TuneOptions) -> Result<Self> {
-        Self::with_progress(scene, views, options, |_, _| ())
+    pub fn new(scene: Scene, targets: Targets, options: TuneOptions) -> Result<Self> {
+        Self::with_progress(scene, targets, options, |_, _| ())
     }
 
     /// As [`Tune::new`]. `looked` is told from how many views the input has been seen, and how many there are: for a million
@@ -68,7 +69,7 @@ impl Tune {
     /// Those of [`Tune::new`].
     pub fn with_progress(
         mut scene: Scene,
-        views: Vec<TrainView>,
+        targets: Targets,
         options: TuneOptions,
         looked: impl FnMut(usize, usize),
     ) -> Result<Self> {
@@ -84,16 +85,17 @@ impl Tune {
                 range: "a number of dB",
             });
         }
-        let TuneOptions { effort, plan: given, distil, drop_unseen, seed, .. } = &options;
+        let TuneOptions { effort, plan: given, drop_unseen, seed, .. } = &options;
         let goal = options.goal();
-        let shared = format!("{goal:?} {effort:?} {given:?} {distil} {drop_unseen} {seed}");
-        let fingerprint = fingerprint(&scene, &views, &shared);
+        let renders = targets.are_renders();
+        let shared = format!("{goal:?} {effort:?} {given:?} {renders} {drop_unseen} {seed}");
+        let fingerprint = fingerprint(&scene, targets.each(), &shared);
         let started = Clock::start();
-        let looked = Views::look(&scene, views, &options, looked)?;
+        let looked = Views::look(&scene, targets, &options, looked)?;
         let worth = started.seconds();
         let plan = plan(&scene, &looked, &options)?;
         let Looked { mut views, worth: Worth { removal, .. }, input_psnr } = looked;
-        if !options.distil {
+        if !renders {
             views.of_quality(plan.quality);
         }
         let TuneOptions { backend, checkpoint, cancel, .. } = options;

@@ -9,13 +9,12 @@
 
 use finetune::framing::nearby;
 use finetune::optimiser::permutation;
-use finetune::{
-    Loss, Photo, RenderOptions, TrainView, ViewGradients, Worth, check_views, saliency, worth,
-};
+use finetune::{Loss, Photo, RenderOptions, TrainView, ViewGradients, Worth, saliency, worth};
 use gs_model::{Camera, Scene};
 
 use crate::error::{Error, Result};
 use crate::options::TuneOptions;
+use crate::targets::Targets;
 
 /// One of this many training views is kept aside; with fewer views, none.
 const ASIDE: usize = 16;
@@ -49,11 +48,6 @@ const BESIDE_PHOTOS_AT_HIGH: Share = Share { of_steps: 0.5, of_gradients: 3.0, .
 const GROWS_BETWEEN: [f32; 2] = [50.0, 90.0];
 
 impl Share {
-    /// Of a run to photos, or to renders.
-    fn of_run(options: &TuneOptions) -> Self {
-        if options.distil { BESIDE_RENDERS } else { BESIDE_PHOTOS }
-    }
-
     /// That of the steps of a run to photos at a quality.
     fn at(quality: f32) -> Self {
         let (few, many) = (BESIDE_PHOTOS, BESIDE_PHOTOS_AT_HIGH);
@@ -138,14 +132,14 @@ impl Views {
     /// `seen` is told how many views are done, and how many there are.
     pub(crate) fn look(
         scene: &Scene,
-        views: Vec<TrainView>,
+        targets: Targets,
         options: &TuneOptions,
         mut seen: impl FnMut(usize, usize),
     ) -> Result<Looked> {
-        check_views(&views)?;
-        let share = Share::of_run(options);
-        let cameras = cameras_of(&views);
-        let training = views.len() - kept_aside(views.len());
+        let share = if targets.are_renders() { BESIDE_RENDERS } else { BESIDE_PHOTOS };
+        let (cameras, mut photos) = targets.divided()?;
+        let renders = photos.is_empty();
+        let training = cameras.len() - kept_aside(cameras.len());
         let count = if options.drop_unseen { 0 } else { training.min(MOST_NEARBY) };
         let nearby = nearby(scene, &cameras, count, 0);
         let nearby: Vec<Camera> = nearby.iter().map(|c| within(c, NEARBY_EDGE)).collect();
@@ -155,9 +149,12 @@ impl Views {
             done += 1;
             seen(done, all);
         };
-        let mut psnr = Vec::with_capacity(views.len());
+        let mut psnr = Vec::with_capacity(cameras.len());
         let at_views = worth(scene, &cameras, |image| {
-            psnr.push(views[psnr.len()].psnr_of(&image));
+            if renders {
+                photos.push(Photo::from(&image));
+            }
+            psnr.push(photos[psnr.len()].psnr_of(&image));
             one_more();
         });
         let mut targets = Vec::with_capacity(nearby.len());
@@ -166,6 +163,8 @@ impl Views {
             one_more();
         });
 
+        let views = cameras.iter().cloned().zip(photos);
+        let views = views.map(|(camera, photo)| TrainView { camera, photo }).collect();
         let [photos, Scored { views: aside, psnr: aside_db }] = divided(views, psnr);
         let errors: Vec<f64> = photos.psnr.iter().map(|db| libm::exp10(-0.1 * db)).collect();
         // Mean squared error: it gives a higher PSNR and fewer bytes than L1 with SSIM.

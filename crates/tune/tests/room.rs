@@ -8,7 +8,7 @@ use finetune::framing::nearby;
 use finetune::{Photo, RenderOptions, TrainView, render};
 use gs_model::{Camera, Scene, dataset, ply};
 use gsvx::{Aim, Encoder};
-use tune::{Error, Layout, Target, Tune, TuneEffort, TuneOptions, TuneOutcome, TunePlan};
+use tune::{Error, Layout, Target, Targets, Tune, TuneEffort, TuneOptions, TuneOutcome, TunePlan};
 
 fn room() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/room")
@@ -33,6 +33,10 @@ fn training() -> Vec<TrainView> {
     views().into_iter().enumerate().filter(|(i, _)| i % 8 != 0).map(|(_, v)| v).collect()
 }
 
+fn photos() -> Targets {
+    Targets::Photos(training())
+}
+
 fn short(target: Target) -> TuneOptions {
     let mut options = TuneOptions::new(target);
     options.plan = Some(TunePlan {
@@ -46,7 +50,7 @@ fn short(target: Target) -> TuneOptions {
 }
 
 fn tuned(options: &TuneOptions) -> TuneOutcome {
-    Tune::new(model(), training(), options.clone()).unwrap().run(|_| ()).unwrap()
+    Tune::new(model(), photos(), options.clone()).unwrap().run(|_| ()).unwrap()
 }
 
 fn bits(scene: &Scene) -> Vec<u32> {
@@ -98,7 +102,8 @@ fn what_the_photos_do_not_show_stays_unless_it_is_dropped() {
         options.drop_unseen = drop_unseen;
         let mut looks = Vec::new();
         let looked = |done, all| looks.push((done, all));
-        let run = Tune::with_progress(model(), few.clone(), options, looked).unwrap();
+        let run =
+            Tune::with_progress(model(), Targets::Photos(few.clone()), options, looked).unwrap();
         let all = looks.len();
         assert!(all == if drop_unseen { 10 } else { 19 }, "{all}");
         assert_eq!(looks, (1..=all).map(|done| (done, all)).collect::<Vec<_>>());
@@ -171,32 +176,32 @@ fn a_run_that_was_cut_goes_on_to_the_same_bytes() {
         options.checkpoint = Some(dir.path().join(format!("{cut}.ckpt")));
         let cancel = Arc::new(AtomicBool::new(false));
         options.cancel = Some(Arc::clone(&cancel));
-        let first = Tune::new(model(), training(), options.clone()).unwrap();
+        let first = Tune::new(model(), photos(), options.clone()).unwrap();
         let first = first.run(|p| cancel.store(p.step >= cut, Ordering::Relaxed)).unwrap();
         assert!(first.cancelled && !gsvx::decode(&first.encoded.bytes).unwrap().is_empty());
         cancel.store(false, Ordering::Relaxed);
-        let second = Tune::new(model(), training(), options).unwrap();
+        let second = Tune::new(model(), photos(), options).unwrap();
         assert!(second.steps_done() > 0 && second.steps_done() <= cut);
         assert!(second.run(|_| ()).unwrap().encoded.bytes == whole, "cut at step {cut}");
     }
     // Another run does not take the checkpoint.
     let mut other = short(Target::Quality(40.0));
     other.checkpoint = Some(dir.path().join("70.ckpt"));
-    let error = Tune::new(model(), training(), other.clone()).unwrap_err();
+    let error = Tune::new(model(), photos(), other.clone()).unwrap_err();
     assert!(matches!(error, Error::OtherRun { .. }), "{error}");
     let path = dir.path().join("70.ckpt");
     let mut bytes = std::fs::read(&path).unwrap();
     let middle = bytes.len() / 2;
     bytes[middle] ^= 1;
     std::fs::write(&path, &bytes).unwrap();
-    let error = Tune::new(model(), training(), other).unwrap_err();
+    let error = Tune::new(model(), photos(), other).unwrap_err();
     assert!(error.to_string().contains("checksum"), "{error}");
 }
 
 /// Before its first step the loop has no scene. It was scored all the same.
 #[test]
 fn the_loop_began_with_the_psnr_of_an_empty_scene() {
-    let run = Tune::new(model(), training(), short(Target::Quality(54.0))).unwrap();
+    let run = Tune::new(model(), photos(), short(Target::Quality(54.0))).unwrap();
     let least = run.input_psnr() - 8.0;
     let mut scores = Vec::new();
     run.run(|p| scores.extend(p.aside_psnr)).unwrap();
@@ -229,7 +234,7 @@ fn bad_input_gives_one_line() {
     let error = |scene: Scene, views: Vec<TrainView>, target: Target| {
         let mut options = TuneOptions::new(target);
         options.effort = tune::TuneEffort::Quick;
-        let text = Tune::new(scene, views, options).unwrap_err().to_string();
+        let text = Tune::new(scene, Targets::Photos(views), options).unwrap_err().to_string();
         assert_eq!(text.lines().count(), 1, "{text}");
         text
     };
@@ -267,12 +272,12 @@ fn the_smallest_runs_end() {
     one.camera.cx -= 1.0;
     one.camera.cy -= 1.0;
     let mut one = TrainView::rendered(&model(), one.camera);
-    let run = Tune::new(model(), vec![one.clone()], options()).unwrap();
+    let run = Tune::new(model(), Targets::Photos(vec![one.clone()]), options()).unwrap();
     assert!(!gsvx::decode(&run.run(|_| ()).unwrap().encoded.bytes).unwrap().is_empty());
     let importance = finetune::saliency(&model(), &[one.camera.clone()]).squared;
     let most = (0..importance.len()).max_by(|&a, &b| importance[a].total_cmp(&importance[b]));
     let scene = model().select(&[most.unwrap()]);
     one = TrainView::rendered(&scene, one.camera);
-    let run = Tune::new(scene, vec![one], options()).unwrap();
+    let run = Tune::new(scene, Targets::Photos(vec![one]), options()).unwrap();
     assert_eq!(gsvx::decode(&run.run(|_| ()).unwrap().encoded.bytes).unwrap().len(), 1);
 }

@@ -8,7 +8,7 @@ use std::num::NonZeroUsize;
 
 use sha2::{Digest, Sha256};
 use testing::sha256;
-use tune::{FineTune, FineTuneOptions, Target, Tune, TuneOptions, TunePlan};
+use tune::{FineTune, FineTuneOptions, Target, Targets, Tune, TuneOptions, TunePlan};
 
 use super::{Tally, Verdict};
 
@@ -95,7 +95,7 @@ pub(super) fn checks(tally: &mut Tally) {
             let (rounds, round_steps, loop_steps) = (1, 4, 4);
             let (quality, fraction) = (54.0, 0.5);
             options.plan = Some(TunePlan { quality, fraction, rounds, round_steps, loop_steps });
-            let tune = Tune::new(scene.clone(), views.clone(), options)?;
+            let tune = Tune::new(scene.clone(), Targets::Photos(views.clone()), options)?;
             Ok(hash_bytes(&tune.run(|_| ())?.encoded.bytes))
         })
     });

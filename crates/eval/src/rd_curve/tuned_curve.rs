@@ -1,7 +1,7 @@
 //! The curve of `gsvx tune`: pruned and tuned with the codec in the loop, by the library that the command calls.
 
 use anyhow::{Context, Result};
-use tune::{Target, Tune, TuneEffort, TuneOptions};
+use tune::{Target, Targets, Tune, TuneEffort, TuneOptions};
 
 use super::plan::{TUNED, slug};
 use super::record::{Coded, Curve};
@@ -29,7 +29,8 @@ fn point(study: &Study, cache: &Cache, effort: TuneEffort, quality: f32) -> Resu
     let encode = || {
         let mut options = TuneOptions::new(Target::Quality(quality));
         options.effort = effort;
-        let run = Tune::new(study.test.model.clone(), study.photos()?.to_vec(), options)?;
+        let photos = Targets::Photos(study.photos()?.to_vec());
+        let run = Tune::new(study.test.model.clone(), photos, options)?;
         let (bar, mut done) = (Bar::new(&format!("tune {name}"), run.plan().steps()), 0);
         let outcome = run.run(|progress| {
             bar.step(progress.step - done);

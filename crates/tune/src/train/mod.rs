@@ -131,7 +131,11 @@ impl Train {
         // What a view shows lies together in memory. Later Gaussians are added in the order of their hosts.
         let scene = scene.select(&gs_model::morton_order(&scene.means));
         let told = format!("train {} {cap} {pixels} {seed}", options.steps);
-        let fingerprint = fingerprint(&scene, &views, &told);
+        let fingerprint = fingerprint(
+            &scene,
+            views.iter().map(|view| (&view.camera, &view.photo.rgb[..])),
+            &told,
+        );
         let coarse: Vec<TrainView> = views.iter().map(|view| smaller(view, pixels)).collect();
         let fine = if coarse.iter().zip(&views).any(|(a, b)| a.camera.width < b.camera.width) {
             let render = RenderOptions::default();
