@@ -1,7 +1,5 @@
 //! [`Image`] and [`Photo`].
 
-use crate::metrics::psnr;
-
 /// An RGB image of floats: interleaved rows, top row first, 0 black and 1 white, with the
 /// photo's own transfer curve (no conversion to linear light).
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -58,12 +56,6 @@ impl Photo {
     pub fn image(&self) -> Image {
         let rgb = self.rgb.iter().map(|&v| f32::from(v) / 255.0).collect();
         Image { width: self.width, height: self.height, rgb }
-    }
-
-    /// PSNR of a render against the photo, dB; at most 100.
-    #[must_use]
-    pub fn psnr_of(&self, shown: &Image) -> f64 {
-        psnr(shown, &self.image()).min(100.0)
     }
 }
 

@@ -1,6 +1,6 @@
 //! PSNR and SSIM.
 
-use crate::image::Image;
+use crate::image::{Image, Photo};
 
 /// PSNR in dB, peak 1, over all pixels and channels; values of `a` and `b` are clamped to 0..=1
 /// first. Infinite for equal images; NaN if the sizes differ or the images are empty.
@@ -10,6 +10,14 @@ use crate::image::Image;
 #[must_use]
 pub fn psnr(a: &Image, b: &Image) -> f64 {
     decibels(squared_error(a, b))
+}
+
+impl Photo {
+    /// PSNR of a render against the photo, dB; at most 100.
+    #[must_use]
+    pub fn psnr_of(&self, shown: &Image) -> f64 {
+        psnr(shown, &self.image()).min(100.0)
+    }
 }
 
 /// The PSNR, dB, of a mean squared error.

@@ -54,6 +54,16 @@ impl TuneEffort {
             Self::Long => "long",
         }
     }
+
+    /// Bytes over those of the quick effort at equal PSNR, about: see docs/results/tune.md.
+    #[must_use]
+    pub fn bytes_over_quick(self) -> f64 {
+        match self {
+            Self::Quick => 1.0,
+            Self::Normal => 0.7,
+            Self::Long => 0.6,
+        }
+    }
 }
 
 /// What a run will do.

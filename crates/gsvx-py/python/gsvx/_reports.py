@@ -35,8 +35,8 @@ def _callback(progress: Optional[ProgressCallback]) -> Optional[Callable[..., An
 
 @dataclass(frozen=True)
 class Estimate:
-    """How much less a stream shows than the input: ``psnr`` (dB, 99 for equal pictures) and ``ssim``, means over
-    ``views`` small pictures, and what that means in words."""
+    """How much less a stream shows than the input: ``psnr`` (dB, 99 for equal pictures) and ``ssim`` over parts of
+    ``views`` pictures, and what that means in words."""
 
     psnr: float
     ssim: float
