@@ -292,27 +292,25 @@ fn announce(run: &Tune, gaussians: usize, distilled: bool, effort: TuneEffort) {
         0 => String::new(),
         n => format!(", {n} of them done"),
     };
-    let other = |other: TuneEffort| {
-        let (name, time) = (other.name(), duration(run.seconds_with(other)));
-        let bytes = other.bytes_over_quick() / effort.bytes_over_quick() - 1.0;
-        let fewer = if bytes < 0.0 { "fewer" } else { "more" };
-        format!(
-            "--effort {name}: {time}, and {:.0} % {fewer} bytes at equal PSNR",
-            100.0 * bytes.abs()
-        )
-    };
-    let others = TuneEffort::ALL.into_iter().filter(|&e| e != effort).map(other);
     note(format_args!(
         "plan: quality {:.1}; leave out {:.0} % of the Gaussians in {} rounds of {} steps, then {} steps \
-         with the codec in the loop{done}; about {} (at equal PSNR, {})",
+         with the codec in the loop{done}; about {}",
         plan.quality,
         100.0 * plan.fraction,
         plan.rounds,
         plan.round_steps,
         plan.loop_steps,
         duration(run.estimated_seconds()),
-        others.collect::<Vec<_>>().join("; "),
     ));
+    let other = |other: TuneEffort| {
+        let (name, time) = (other.name(), duration(run.seconds_with(other)));
+        let bytes = other.bytes_over_quick() / effort.bytes_over_quick() - 1.0;
+        let fewer = if bytes < 0.0 { "fewer" } else { "more" };
+        format!("{name} takes about {time}, for {:.0} % {fewer} bytes", 100.0 * bytes.abs())
+    };
+    let others = TuneEffort::ALL.into_iter().filter(|&e| e != effort).map(other);
+    let others = others.collect::<Vec<_>>().join("; ");
+    note(format_args!("other efforts, at equal PSNR: {others}"));
 }
 
 fn picture(folder: &Path, camera: &Camera, p: &Progress<'_>) -> Result<()> {
