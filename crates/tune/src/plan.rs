@@ -55,13 +55,13 @@ impl TuneEffort {
         }
     }
 
-    /// Bytes over those of the quick effort at equal PSNR, about: see docs/results/tune.md.
+    /// Bytes over those of the quick effort at equal PSNR, about. Normal: docs/results/tune.md. Long: room and fox.
     #[must_use]
     pub fn bytes_over_quick(self) -> f64 {
         match self {
             Self::Quick => 1.0,
             Self::Normal => 0.7,
-            Self::Long => 0.6,
+            Self::Long => 0.55,
         }
     }
 }

@@ -9,11 +9,10 @@ use std::num::NonZeroUsize;
 use std::sync::OnceLock;
 
 use finetune::framing::{self, Constraints};
-use finetune::TrainView;
 use gs_model::{Scene, ply};
 use gsvx::{DecodeOptions, EncodeOptions, Leaves};
 use sha2::{Digest, Sha256};
-use tune::{Target, Tune, TuneOptions, TunePlan};
+use tune::{Target, Targets, Tune, TuneOptions, TunePlan};
 
 const ROOM: &[u8] = include_bytes!("../../../fixtures/room/point_cloud.ply");
 
@@ -79,12 +78,11 @@ fn tuned(room: &Scene) -> Vec<u8> {
     let tangents = [0.6, 0.45];
     let constraints = Constraints { up: None, radius: None, elevation: None, tangents };
     let placement = framing::find(room, &constraints).expect("something to look at");
-    let view = |camera| TrainView::rendered(room, camera);
-    let cameras = placement.cameras(6, "tuned", [48, 36], 40.0);
+    let targets = Targets::Renders(placement.cameras(6, "tuned", [48, 36], 40.0));
     let mut options = TuneOptions::new(Target::Quality(50.0));
     options.plan =
         Some(TunePlan { quality: 50.0, fraction: 0.5, rounds: 1, round_steps: 6, loop_steps: 54 });
-    let run = Tune::new(room.clone(), cameras.into_iter().map(view).collect(), options);
+    let run = Tune::new(room.clone(), targets, options);
     run.expect("tune").run(|_| ()).expect("tune").encoded.bytes
 }
 
