@@ -310,6 +310,6 @@ def test_an_estimate_of_the_loss(splats):
         estimates.append(gsvx.compress(out, splats, estimate=True, **options).estimate)
         assert out.getvalue() == gsvx.compress_to_bytes(splats, **options)
     low, high, seen = estimates
-    assert low.views == high.views == seen.views == 4
+    assert low.views == high.views == 4 < seen.views <= 8
     assert 10 < low.psnr < high.psnr < 99 and low.ssim < high.ssim <= 1
     assert low.meaning != high.meaning
