@@ -71,7 +71,7 @@ const LEANING_HALF: f64 = 1.07;
 const OTHER_WAY: f64 = 0.97;
 /// Cameras that on average see less than this share of all Gaussians look at specks.
 const SPECKS_SEE: f64 = 0.2;
-/// Gaussians that are looked at, about, at most.
+/// Gaussians that are looked at, at most: evenly chosen ones stand for all.
 const SAMPLE: usize = 1 << 16;
 
 /// Finds a circle; `None` for a scene without a Gaussian.
@@ -146,10 +146,11 @@ fn lean(thin: &ThinnedScene, ring: &Ring) -> Option<DVec3> {
         DVec3::new(sin * libm::cos(turn), -cos, sin * libm::sin(turn))
     };
     let sees = |up: DVec3| thin.all(&Ring { up, ..*ring });
-    let half: [f64; 8] = std::array::from_fn(|eighth| sees(at(eighth, 20.0)));
+    let sees_half: [f64; 8] = std::array::from_fn(|eighth| sees(at(eighth, 20.0)));
     let mut best = (None, LEANING * upright);
     for eighth in 0..8 {
-        let (here, other) = (half[eighth], half[(eighth + 4) % 8]);
+        // Four eighths further is the other way.
+        let (here, other) = (sees_half[eighth], sees_half[(eighth + 4) % 8]);
         if other >= OTHER_WAY * upright || here <= LEANING_HALF * upright {
             continue;
         }

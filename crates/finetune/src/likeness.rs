@@ -1,7 +1,8 @@
 //! How alike two versions of a model look, quickly: an estimate for models with and without cameras.
 //!
-//! Of a few views a quarter each is drawn, from the one and from the other. The quarters together show as much of the
-//! background as whole views do, so that the PSNR is that of whole views, and a quarter of the Gaussians is drawn.
+//! A quarter of each of a few views is drawn, of both versions. The first view shows its upper left quarter, the next
+//! one its upper right, and so on: together they show as much of the background as whole views do, so that their PSNR
+//! is that of whole views, from a quarter of the pixels.
 
 use crate::forward::render;
 use crate::framing::{self, Constraints};
@@ -10,7 +11,7 @@ use crate::metrics;
 use crate::options::RenderOptions;
 use gs_model::{Camera, Scene};
 
-/// Views that are looked at: of given cameras, which see different things, and of cameras around what matters.
+/// Views that are drawn: of given cameras, and of cameras around what matters. Given cameras differ more in what they see.
 const GIVEN: usize = 8;
 const AROUND: usize = 4;
 /// Pixels of a whole view, at most.
@@ -46,15 +47,15 @@ impl Pictures {
             }
             None => around(scene),
         };
-        let quarters = cameras.iter().enumerate().map(|(i, camera)| quarter(camera, i));
-        let drawn = quarters.map(|camera| {
+        let draw = |(i, camera)| {
+            let camera = quarter(camera, i);
             let image = render(scene, &camera, &RenderOptions::default());
             (camera, image)
-        });
+        };
+        let views: Vec<_> = cameras.iter().enumerate().map(draw).collect();
         // Where nothing is drawn there is nothing to compare.
-        let views: Vec<_> = drawn.collect();
-        let empty = views.iter().all(|(_, image)| image.rgb.iter().all(|&v| v == 0.0));
-        Self { views: if empty { Vec::new() } else { views } }
+        let shows = views.iter().any(|(_, image)| image.rgb.iter().any(|&v| v > 0.0));
+        Self { views: if shows { views } else { Vec::new() } }
     }
 
     /// True if the pictures show nothing: there is nothing to compare.
@@ -96,7 +97,7 @@ impl Likeness {
     }
 }
 
-/// A quarter of a view: another one of each.
+/// A quarter of a view; which one follows from its index.
 fn quarter(camera: &Camera, index: usize) -> Camera {
     let camera = camera.within(PIXELS);
     let [width, height] = [camera.width, camera.height].map(|side| side.div_ceil(2));

@@ -14,6 +14,7 @@ use crate::epochs::Epochs;
 use crate::error::{Error, Result};
 use crate::progress::{Progress, StageName, StopReason};
 use crate::scene_loop::SceneLoop;
+use crate::targets::camera_and_photo;
 use crate::trainer::{RunState, Trainer, Work};
 use crate::views::Views;
 
@@ -107,11 +108,7 @@ impl FineTune {
             return Err(Error::Option { option: "SSIM weight", value, range });
         }
         let told = format!("attributes {loss:?} {seed}");
-        let fingerprint = fingerprint(
-            &scene,
-            views.iter().map(|view| (&view.camera, &view.photo.rgb[..])),
-            &told,
-        );
+        let fingerprint = fingerprint(&scene, views.iter().map(camera_and_photo), &told);
         let views = Views::all(views, loss, seed)?;
         let mut trainer = Trainer::new(views, fingerprint, backend, checkpoint, cancel)?;
         let mut work = Attributes::new(scene, trainer.views.gradients.views(), options);

@@ -29,15 +29,13 @@ impl Targets {
     /// Each camera, and the values of its photo; of a render, which is not made yet, none.
     pub(crate) fn each(&self) -> Vec<(&Camera, &[u8])> {
         match self {
-            Self::Photos(views) => {
-                views.iter().map(|view| (&view.camera, &view.photo.rgb[..])).collect()
-            }
+            Self::Photos(views) => views.iter().map(camera_and_photo).collect(),
             Self::Renders(cameras) => cameras.iter().map(|camera| (camera, &[][..])).collect(),
         }
     }
 
     /// The cameras, and their photos; no photos if these are renders.
-    pub(crate) fn divided(self) -> Result<(Vec<Camera>, Vec<Photo>)> {
+    pub(crate) fn into_parts(self) -> Result<(Vec<Camera>, Vec<Photo>)> {
         match self {
             Self::Photos(views) => {
                 check_views(&views)?;
@@ -51,4 +49,9 @@ impl Targets {
             }
         }
     }
+}
+
+/// What tells two views apart.
+pub(crate) fn camera_and_photo(view: &TrainView) -> (&Camera, &[u8]) {
+    (&view.camera, &view.photo.rgb)
 }

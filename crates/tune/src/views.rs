@@ -137,7 +137,7 @@ impl Views {
         mut seen: impl FnMut(usize, usize),
     ) -> Result<Looked> {
         let share = if targets.are_renders() { BESIDE_RENDERS } else { BESIDE_PHOTOS };
-        let (cameras, mut photos) = targets.divided()?;
+        let (cameras, mut photos) = targets.into_parts()?;
         let renders = photos.is_empty();
         let training = cameras.len() - kept_aside(cameras.len());
         let count = if options.drop_unseen { 0 } else { training.min(MOST_NEARBY) };
@@ -157,9 +157,9 @@ impl Views {
             psnr.push(photos[psnr.len()].psnr_of(&image));
             one_more();
         });
-        let mut targets = Vec::with_capacity(nearby.len());
+        let mut renders_nearby = Vec::with_capacity(nearby.len());
         let at_nearby = worth(scene, &nearby, |image| {
-            targets.push(Photo::from(&image));
+            renders_nearby.push(Photo::from(&image));
             one_more();
         });
 
@@ -170,7 +170,7 @@ impl Views {
         // Mean squared error: it gives a higher PSNR and fewer bytes than L1 with SSIM.
         let mut gradients = ViewGradients::new(photos.views, Loss::Mse, &RenderOptions::default())?;
         weights(&errors).iter().enumerate().for_each(|(i, w)| gradients.weigh(i, *w as f32));
-        for (camera, photo) in nearby.iter().zip(targets) {
+        for (camera, photo) in nearby.iter().zip(renders_nearby) {
             gradients.add(TrainView { camera: camera.clone(), photo }, share.of_gradients)?;
         }
         let judged = Some(Judged::of(scene, &aside, &cameras));

@@ -26,6 +26,7 @@ use crate::error::{Error, Result};
 use crate::photos::smaller;
 use crate::progress::{Progress, StageName, StopReason};
 use crate::scene_loop::{SceneLoop, extent};
+use crate::targets::camera_and_photo;
 use crate::trainer::{RunState, Trainer, Work};
 use crate::views::Views;
 
@@ -131,11 +132,7 @@ impl Train {
         // What a view shows lies together in memory. Later Gaussians are added in the order of their hosts.
         let scene = scene.select(&gs_model::morton_order(&scene.means));
         let told = format!("train {} {cap} {pixels} {seed}", options.steps);
-        let fingerprint = fingerprint(
-            &scene,
-            views.iter().map(|view| (&view.camera, &view.photo.rgb[..])),
-            &told,
-        );
+        let fingerprint = fingerprint(&scene, views.iter().map(camera_and_photo), &told);
         let coarse: Vec<TrainView> = views.iter().map(|view| smaller(view, pixels)).collect();
         let fine = if coarse.iter().zip(&views).any(|(a, b)| a.camera.width < b.camera.width) {
             let render = RenderOptions::default();
