@@ -5,6 +5,7 @@ use gs_model::Scene;
 use crate::checkpoint::{StateReader, StateWriter};
 use crate::codec_loop::{CodecLoop, FITTED, Snapshot};
 use crate::error::Result;
+use crate::forecast::Forecast;
 use crate::options::{Goal, Target};
 use crate::plan::TunePlan;
 use crate::progress::{StageName, StopReason};
@@ -21,8 +22,7 @@ const BEST_FROM: f64 = 0.5;
 pub(crate) struct Course {
     pub(crate) plan: TunePlan,
     goal: Goal,
-    /// Gaussians of the input.
-    pub(crate) input: usize,
+    pub(crate) forecast: Forecast,
     /// Removal effects of the input, until it is pruned.
     effects: Option<Vec<f32>>,
     stage: Stage,
@@ -34,11 +34,16 @@ pub(crate) struct Course {
 impl Course {
     /// Begins with a round of no steps, which keeps all Gaussians. The next one prunes.
     /// `effects` are the removal effects of the scene.
-    pub(crate) fn new(plan: TunePlan, goal: Goal, scene: Scene, effects: Vec<f32>) -> Self {
-        let input = scene.len();
+    pub(crate) fn new(
+        plan: TunePlan,
+        goal: Goal,
+        forecast: Forecast,
+        scene: Scene,
+        effects: Vec<f32>,
+    ) -> Self {
         let recovery = Box::new(SceneLoop::new(scene, 0.0, 0));
         let (stage, effects) = (Stage::Round { round: 0, recovery }, Some(effects));
-        Self { plan, goal, input, effects, stage, best: None, aside_psnr: None }
+        Self { plan, goal, forecast, effects, stage, best: None, aside_psnr: None }
     }
 
     /// Prunes to what remains after a round.
@@ -47,7 +52,7 @@ impl Course {
             Some(effects) => effects,
             None => views.worth(scene)?.removal,
         };
-        let kept = self.plan.kept(self.input, round).min(scene.len());
+        let kept = self.plan.kept(self.forecast.input, round).min(scene.len());
         let fraction = 1.0 - kept as f64 / scene.len().max(1) as f64;
         let kept = gsvx::prune(&effects, fraction.clamp(0.0, 0.999_999))?;
         Ok(scene.select(&kept))
@@ -83,6 +88,10 @@ fn cost(state: &CodecLoop, mse: f64) -> f64 {
 impl Work for Course {
     fn steps(&self) -> u64 {
         self.plan.steps()
+    }
+
+    fn seconds_after(&self, steps: u64) -> f64 {
+        self.forecast.seconds_after(&self.plan, steps)
     }
 
     fn advance(&mut self, views: &mut Views) -> Result<Option<StopReason>> {

@@ -9,6 +9,7 @@ mod epochs;
 mod error;
 mod estimate;
 mod fine_tune;
+mod forecast;
 mod options;
 mod photos;
 mod plan;

@@ -82,7 +82,7 @@ pub struct Progress<'a> {
     pub bytes: Option<u64>,
     /// Seconds since the start or the resumption.
     pub seconds: f64,
-    /// Seconds to the end at this speed.
+    /// Seconds to the end, by the forecast of the run and its speed so far.
     pub eta_seconds: f64,
     /// The scene of the last step: with the codec in the loop, what a decoder would return. A GPU tells it now and
     /// then.

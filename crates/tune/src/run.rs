@@ -7,6 +7,7 @@ use crate::checkpoint::fingerprint;
 use crate::codec_loop::CodecLoop;
 use crate::course::Course;
 use crate::error::{Error, Result};
+use crate::forecast::Forecast;
 use crate::options::{Target, TuneOptions};
 use crate::plan::{TuneEffort, TunePlan};
 use crate::probe::plan;
@@ -17,12 +18,8 @@ use crate::targets::Targets;
 use crate::trainer::{Clock, Trainer, Work};
 use crate::views::{self, Looked, Views};
 
-/// A view of the loop takes this much longer than one without the codec.
-const LOOP_OVER_STEP: f64 = 1.6;
 /// Views that are timed.
 const TIMED: usize = 4;
-/// Time of a step grows with the number of Gaussians to this power.
-const TIME_EXPONENT: f64 = 0.6;
 
 /// A tune of one scene to one target.
 ///
@@ -33,16 +30,6 @@ pub struct Tune {
     course: Course,
     target: Target,
     input_psnr: f64,
-    times: Times,
-}
-
-/// Seconds of work on the input, measured.
-#[derive(Clone, Copy)]
-struct Times {
-    /// A step.
-    step: f64,
-    /// What the Gaussians are worth to all views: for each round that prunes, and once more for the loop.
-    worth: f64,
 }
 
 impl std::fmt::Debug for Tune {
@@ -100,13 +87,14 @@ impl Tune {
         }
         let TuneOptions { backend, checkpoint, cancel, .. } = options;
         let mut trainer = Trainer::new(views, fingerprint, backend, checkpoint, cancel)?;
-        let times = Times { step: seconds_of_a_step(&scene, &mut trainer.views), worth };
-        let mut course = Course::new(plan, goal, scene, removal);
+        let step = seconds_of_a_step(&scene, &mut trainer.views);
+        let forecast = Forecast { input: scene.len(), step, worth };
+        let mut course = Course::new(plan, goal, forecast, scene, removal);
         if !trainer.resume(&mut course)? {
             // Views that see nothing are an error before the run.
             course.advance(&mut trainer.views)?;
         }
-        Ok(Self { trainer, course, target: goal.target, input_psnr, times })
+        Ok(Self { trainer, course, target: goal.target, input_psnr })
     }
 
     /// What the run will do.
@@ -144,25 +132,13 @@ impl Tune {
     /// Seconds that the rest of the run will take, about.
     #[must_use]
     pub fn estimated_seconds(&self) -> f64 {
-        let plan = &self.course.plan;
-        let left = 1.0 - self.trainer.done as f64 / plan.steps().max(1) as f64;
-        self.seconds_of(plan) * left
+        self.course.seconds_after(self.trainer.done)
     }
 
     /// Seconds that this run would take with another effort, about.
     #[must_use]
     pub fn seconds_with(&self, effort: TuneEffort) -> f64 {
-        self.seconds_of(&self.course.plan.with(effort))
-    }
-
-    fn seconds_of(&self, plan: &TunePlan) -> f64 {
-        let input = self.course.input;
-        let share = |kept: f64| libm::pow(kept, TIME_EXPONENT);
-        let of_round = |r: u64| plan.kept(input, r) as f64 / input.max(1) as f64;
-        let rounds: f64 = (1..=plan.rounds).map(|r| share(of_round(r))).sum();
-        let in_loop = LOOP_OVER_STEP * share(1.0 - plan.fraction);
-        let steps = rounds * plan.round_steps as f64 + in_loop * plan.loop_steps as f64;
-        self.times.step * steps + self.times.worth * rounds
+        self.course.forecast.seconds_after(&self.course.plan.with(effort), 0)
     }
 
     /// Runs to the end, calling `progress` now and then.
@@ -175,7 +151,7 @@ impl Tune {
     /// # Errors
     /// [`Error::Codec`], [`Error::NothingSeen`]; [`Error::Finetune`] if a GPU that was asked for fails.
     pub fn run(self, progress: impl FnMut(&Progress<'_>)) -> Result<TuneOutcome> {
-        let Self { mut trainer, mut course, target, input_psnr, .. } = self;
+        let Self { mut trainer, mut course, target, input_psnr } = self;
         let cancelled = trainer.run(&mut course, progress)? == StopReason::Cancelled;
         let Trainer { views, done: steps, backend, clock, .. } = &mut trainer;
         let mut state = course.finish(views, cancelled)?;

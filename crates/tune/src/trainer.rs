@@ -37,6 +37,10 @@ impl Clock {
 pub(crate) trait Work {
     /// Steps of the whole run, at most.
     fn steps(&self) -> u64;
+    /// Seconds of what comes after so many steps, up to a factor that is the same for all of them.
+    fn seconds_after(&self, steps: u64) -> f64 {
+        self.steps().saturating_sub(steps) as f64
+    }
     /// Prepares the next step; says why the run ends if there is none.
     fn advance(&mut self, views: &mut Views) -> Result<Option<StopReason>>;
     /// Whether it is time to measure and to keep the state.
@@ -206,7 +210,9 @@ impl Trainer {
 
     pub(crate) fn progress<'a>(&'a self, work: &'a impl Work, psnr: f64) -> Progress<'a> {
         let seconds = self.clock.seconds();
-        let per_step = seconds / self.done.saturating_sub(self.resumed).max(1) as f64;
+        let left = work.seconds_after(self.done);
+        let done = work.seconds_after(self.resumed) - left;
+        let eta_seconds = if done > 0.0 { seconds / done * left } else { left };
         let RunState { stage, scene, aside_psnr, pass_psnr, bytes } = work.state();
         Progress {
             stage,
@@ -218,7 +224,7 @@ impl Trainer {
             pass_psnr,
             bytes,
             seconds,
-            eta_seconds: per_step * work.steps().saturating_sub(self.done) as f64,
+            eta_seconds,
             scene,
             backend: self.backend.used,
             checkpoint_failed: self.checkpoint_failed.as_ref(),
