@@ -79,7 +79,7 @@ impl Tune {
         let fingerprint = fingerprint(&scene, targets.each(), &shared);
         let started = Clock::start();
         let looked = Views::look(&scene, targets, &options, looked)?;
-        let worth = started.seconds();
+        let pass = started.seconds();
         let plan = plan(&scene, &looked, &options)?;
         let Looked { mut views, worth: Worth { removal, .. }, input_psnr } = looked;
         if !renders {
@@ -87,8 +87,8 @@ impl Tune {
         }
         let TuneOptions { backend, checkpoint, cancel, .. } = options;
         let mut trainer = Trainer::new(views, fingerprint, backend, checkpoint, cancel)?;
-        let step = seconds_of_a_step(&scene, &mut trainer.views);
-        let forecast = Forecast { input: scene.len(), step, worth };
+        let render = seconds_of_a_render(&scene, &mut trainer.views);
+        let forecast = Forecast { input: scene.len(), render, pass };
         let mut course = Course::new(plan, goal, forecast, scene, removal);
         if !trainer.resume(&mut course)? {
             // Views that see nothing are an error before the run.
@@ -185,7 +185,7 @@ impl Tune {
 }
 
 /// Seconds of a render with its gradients, the mean over some views.
-fn seconds_of_a_step(scene: &Scene, views: &mut Views) -> f64 {
+fn seconds_of_a_render(scene: &Scene, views: &mut Views) -> f64 {
     let n = views.gradients.views();
     // The first one makes room.
     views.gradients.run(scene, 0);
