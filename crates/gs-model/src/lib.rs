@@ -120,7 +120,7 @@ pub use order::morton_order;
 pub use photos::photos_beside;
 #[cfg(feature = "files")]
 pub use report::{CLAMPED_OPACITY_LOGIT, Invalid, ReadOptions, Report};
-pub use scene::{SH_C0, Scene, sh_len};
+pub use scene::{LEAST_DRAWN_LOGIT, SH_C0, Scene, sh_len};
 
 // The README's example is a test too.
 #[cfg(all(doctest, feature = "files"))]

@@ -8,6 +8,9 @@ use std::ops::Range;
 /// A Gaussian without view dependence has colour `0.5 + SH_C0 * sh[0]`.
 pub const SH_C0: f32 = 0.282_094_79;
 
+/// No rasterizer draws a Gaussian whose opacity logit is below this: its alpha is below 1/255 everywhere. It is -ln 254.
+pub const LEAST_DRAWN_LOGIT: f32 = -5.537_334_4;
+
 /// A trained 3DGS model: `len()` Gaussians as a struct of arrays, in training parametrisation.
 ///
 /// Every array has one entry per Gaussian, except [`Scene::sh`], which has
@@ -101,6 +104,18 @@ impl Scene {
     pub fn sh_of(&self, i: usize) -> &[[f32; 3]] {
         let k = self.sh_len();
         &self.sh[i * k..(i + 1) * k]
+    }
+
+    /// The indices of the Gaussians that are not transparent (see [`LEAST_DRAWN_LOGIT`]), ascending; `None` if no
+    /// Gaussian is.
+    #[must_use]
+    pub fn drawn(&self) -> Option<Vec<usize>> {
+        let transparent = |&logit: &f32| logit < LEAST_DRAWN_LOGIT;
+        if !self.opacity_logits.iter().any(transparent) {
+            return None;
+        }
+        let logits = self.opacity_logits.iter().enumerate();
+        Some(logits.filter(|(_, logit)| !transparent(logit)).map(|(i, _)| i).collect())
     }
 
     /// A scene with the Gaussians at `indices`, in that order (repeats allowed).

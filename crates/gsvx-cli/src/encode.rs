@@ -310,12 +310,20 @@ impl SeenShare {
     }
 }
 
+/// What is said of Gaussians that no rasterizer draws.
+pub(crate) fn transparent(n: usize) -> String {
+    format!("{n} left out that no rasterizer draws (opacity below 1/255)")
+}
+
 impl Done {
     /// For a person.
     fn remarks(&self) -> String {
         let encoded = &self.made.encoded;
         let outliers = encoded.outliers();
         let mut remarks = vec![self.note.clone()];
+        if encoded.transparent > 0 {
+            remarks.push(transparent(encoded.transparent));
+        }
         if encoded.pruned > 0 {
             remarks.push(format!("{} pruned", encoded.pruned));
         }
@@ -338,6 +346,7 @@ impl Done {
             "quality": self.made.quality,
             "psnr": self.made.psnr,
             "encodes": self.made.encodes,
+            "transparent": encoded.transparent,
             "pruned": encoded.pruned,
             "outliers": encoded.outliers(),
             "seen_opacity_share": seen.map(|s| s.of_opacity),

@@ -110,6 +110,29 @@ fn a_bound_on_memory_changes_no_byte() {
 }
 
 #[test]
+fn transparent_gaussians_are_left_out_and_counted_whatever_the_way() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut scene = common::scene();
+    let drawn = scene.drawn().map_or(scene.len(), |drawn| drawn.len());
+    scene.append(&scene.clone());
+    let half = scene.len() / 2;
+    scene.opacity_logits[half..].fill(-8.0);
+    let (input, one, tiles) =
+        ["model.ply", "one.gsvx", "tiles.gsvx"].map(|n| dir.path().join(n)).into();
+    ply::write(&input, &scene).unwrap();
+    let said = common::json(&["encode", "@", "--no-estimate", "-o", "@"], &[&input, &one]);
+    assert_eq!(said["transparent"], scene.len() - drawn);
+    let words = ["encode", "@", "--memory", "500M", "-o", "@"];
+    let (said, heard) = common::report(&words, &[&input, &tiles]);
+    assert_eq!(
+        (&said["transparent"], &said["input_gaussians"]),
+        (&(scene.len() - drawn).into(), &drawn.into())
+    );
+    assert!(heard.contains("left out that no rasterizer draws"), "{heard}");
+    assert!(std::fs::read(one).unwrap() == std::fs::read(tiles).unwrap());
+}
+
+#[test]
 fn parts_joined_are_the_scene_in_memory() {
     let dir = tempfile::tempdir().unwrap();
     let joined = dir.path().join("joined.gsvx");

@@ -192,6 +192,7 @@ fn report<'py>(py: Python<'py>, done: &Done, input: usize) -> PyResult<Bound<'py
     out.set_item("estimate", estimate)?;
     out.set_item("encodes", made.encodes)?;
     out.set_item("invalid", done.invalid)?;
+    out.set_item("transparent", encoded.transparent)?;
     out.set_item("pruned", encoded.pruned)?;
     out.set_item("outliers", encoded.outliers())?;
     out.set_item("left_out", encoded.left_out)?;

@@ -1,5 +1,6 @@
 //! Several files as one scene, read some Gaussians at a time.
 
+use crate::encode::transparent;
 use crate::exit::note;
 use crate::input::{Reading, cannot_read, name, open};
 use crate::output::is_stdio;
@@ -21,6 +22,8 @@ pub(crate) struct SceneFile {
     pub(crate) bytes: u64,
     /// Gaussians that count.
     pub(crate) gaussians: u64,
+    /// Valid ones that do not: no rasterizer draws them.
+    pub(crate) transparent: u64,
     /// The tiles that they are in, ascending.
     pub(crate) tiles: Vec<u32>,
 }
@@ -32,28 +35,58 @@ impl SceneFile {
             bail!("standard input can be read only once; encode from files");
         }
         let bytes = length(path)?;
-        Ok(Self { path: path.into(), bytes, gaussians: 0, tiles: Vec::new() })
+        Ok(Self { path: path.into(), bytes, gaussians: 0, transparent: 0, tiles: Vec::new() })
     }
 
-    /// Reads the Gaussians. Says what was skipped if `say`.
-    pub(crate) fn each(
+    /// Reads the Gaussians that count, and counts them.
+    pub(crate) fn survey(
+        &mut self,
+        reading: &Reading,
+        bar: &Meter,
+        take: impl FnMut(Scene) -> Result<()>,
+    ) -> Result<()> {
+        (self.gaussians, self.transparent) = self.each(reading, true, bar, take)?;
+        if self.transparent > 0 {
+            note(format_args!("{}: {}", name(&self.path), transparent(self.transparent as usize)));
+        }
+        Ok(())
+    }
+
+    /// Reads the Gaussians again, as they were counted.
+    pub(crate) fn read(
+        &self,
+        reading: &Reading,
+        bar: &Meter,
+        take: impl FnMut(Scene) -> Result<()>,
+    ) -> Result<()> {
+        self.check()?;
+        let found = self.each(reading, false, bar, take)?;
+        if found == (self.gaussians, self.transparent) { Ok(()) } else { Err(changed(&self.path)) }
+    }
+
+    /// Reads the Gaussians that rasterizers draw. Returns how many there are, and how many others. Says what was
+    /// skipped if `say`.
+    fn each(
         &self,
         reading: &Reading,
         say: bool,
         bar: &Meter,
         mut take: impl FnMut(Scene) -> Result<()>,
-    ) -> Result<u64> {
+    ) -> Result<(u64, u64)> {
+        let (mut all, mut transparent) = (0, 0);
+        let mut take = |scene: Scene| {
+            all += scene.len() as u64;
+            let Some(drawn) = scene.drawn() else { return take(scene) };
+            transparent += (scene.len() - drawn.len()) as u64;
+            take(scene.select(&drawn))
+        };
         let Some(mut parts) = reading.parts(&self.path)? else {
             // Formats that are read whole.
-            let scene = reading.model(&self.path)?.scene;
-            let all = scene.len() as u64;
-            take(scene)?;
+            take(reading.model(&self.path)?.scene)?;
             (0..self.bytes / STEP).for_each(|_| bar.inc());
-            return Ok(all);
+            return Ok((all - transparent, transparent));
         };
-        let mut all = 0;
         while let Some(scene) = parts.next_part()? {
-            all += scene.len() as u64;
             take(scene)?;
             bar.inc();
         }
@@ -61,11 +94,11 @@ impl SceneFile {
         if say && skipped > 0 {
             note(format_args!("skipped: {skipped} invalid Gaussians of {}", name(&self.path)));
         }
-        Ok(all)
+        Ok((all - transparent, transparent))
     }
 
     /// Refuses a file of another length.
-    pub(crate) fn check(&self) -> Result<()> {
+    fn check(&self) -> Result<()> {
         if length(&self.path)? == self.bytes { Ok(()) } else { Err(changed(&self.path)) }
     }
 

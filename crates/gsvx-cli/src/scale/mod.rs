@@ -207,8 +207,9 @@ impl<'a> Work<'a> {
             }
         }
         let input_bytes = plan.inputs.iter().map(|i| i.bytes).sum();
+        let transparent = plan.inputs.iter().map(|i| i.transparent).sum();
         let (gaussians, tiles) = (self.gaussians(), step.elapsed().as_secs_f64());
-        Ok(TileStreams { streams, gaussians, input_bytes, before, tiles })
+        Ok(TileStreams { streams, gaussians, transparent, input_bytes, before, tiles })
     }
 }
 
@@ -216,6 +217,8 @@ impl<'a> Work<'a> {
 struct TileStreams {
     streams: Vec<PathBuf>,
     gaussians: u64,
+    /// Of all inputs: those that no rasterizer draws.
+    transparent: u64,
     input_bytes: u64,
     /// Seconds until the tiles were begun, and of the tiles.
     before: f64,
@@ -235,7 +238,7 @@ impl TileStreams {
         })?;
         let join = step.elapsed().as_secs_f64();
         let (bytes, coded) = (index.stream_len(), index.header.count);
-        let Self { streams, gaussians, input_bytes, before, tiles } = self;
+        let Self { streams, gaussians, transparent, input_bytes, before, tiles } = self;
         let human = format!(
             "{gaussians} Gaussians coded as {coded}, {} -> {} ({:.1} bits per Gaussian), {}\n\
              read and partition {before:.2} s, encode {tiles:.2} s, join {join:.2} s",
@@ -249,6 +252,7 @@ impl TileStreams {
             "input_bytes": input_bytes,
             "input_gaussians": gaussians,
             "gaussians": coded,
+            "transparent": transparent,
             "tiles": streams.len(),
             "partition_seconds": before,
             "encode_seconds": tiles,

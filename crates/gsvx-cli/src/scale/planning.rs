@@ -31,7 +31,7 @@ pub(crate) fn survey(
     let mut means = BufWriter::with_capacity(1 << 20, scratch.begin(MEANS)?);
     let bar = progress("survey", inputs.iter());
     for input in &mut inputs {
-        input.gaussians = input.each(&args.reading, true, &bar, |scene| {
+        input.survey(&args.reading, &bar, |scene| {
             survey.add(&scene);
             let coordinates = scene.means.as_flattened().iter();
             let bytes: Vec<u8> = coordinates.flat_map(|x| x.to_le_bytes()).collect();

@@ -13,6 +13,8 @@ pub struct Encoded {
     pub bytes: Vec<u8>,
     /// Its head.
     pub index: Index,
+    /// Gaussians that were left out because no rasterizer draws them: [`gs_model::LEAST_DRAWN_LOGIT`].
+    pub transparent: usize,
     /// Gaussians that [`crate::EncodeOptions::prune`] left out.
     pub pruned: usize,
     /// Gaussians that the voxelization left out; those that it merged are not counted.

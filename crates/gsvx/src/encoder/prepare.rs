@@ -20,7 +20,8 @@ use voxel::{Importance, Merge, Trimmed, Voxelization};
 
 /// Encodes a trained model, in three steps:
 ///
-/// 1. It leaves out what [`EncodeOptions::prune`] says.
+/// 1. It leaves out what no rasterizer draws ([`gs_model::LEAST_DRAWN_LOGIT`]), unless errors are bounded, and what
+///    [`EncodeOptions::prune`] says.
 /// 2. It codes outliers bit for bit. These are Gaussians so far away that the octree of 21 levels would be too
 ///    coarse for all others. Most scenes have none.
 /// 3. It voxelizes, merges and codes all others as the quality asks. With [`EncodeOptions::max_error`] it merges
@@ -32,7 +33,7 @@ use voxel::{Importance, Merge, Trimmed, Voxelization};
 /// [`Error::NonFinite`] and [`Error::TooLarge`] for values that lossy coding cannot hold.
 pub fn encode(scene: &Scene, options: &EncodeOptions) -> Result<Encoded> {
     let mut input = Input::new(scene, options)?;
-    let count = input.scene.len();
+    let (transparent, count) = (input.transparent, input.scene.len());
     let outliers = split_outliers(&input.scene, &input.survey)?;
     let encoded = match &options.max_error {
         None => encode_leaves(&mut input, outliers, options)?,
@@ -49,7 +50,8 @@ pub fn encode(scene: &Scene, options: &EncodeOptions) -> Result<Encoded> {
         }
     };
     let rows = encoded.rows.map(|rows| input.rows(&rows, scene.len()));
-    Ok(Encoded { pruned: scene.len() - count, rows, ..encoded })
+    let pruned = scene.len() - transparent - count;
+    Ok(Encoded { transparent, pruned, rows, ..encoded })
 }
 
 /// Voxelization and coding.
@@ -115,33 +117,50 @@ pub fn prepare(scene: &Scene, options: &EncodeOptions) -> Result<Prepared> {
 struct Input<'a> {
     scene: Cow<'a, Scene>,
     importance: Option<Vec<f32>>,
-    /// Where each Gaussian that pruning kept was; `None` if it kept all.
+    /// Where each Gaussian was that was not left out; `None` if all are here.
     kept: Option<Vec<usize>>,
+    /// Gaussians that no rasterizer draws.
+    transparent: usize,
     survey: Survey,
 }
 
 impl<'a> Input<'a> {
-    /// A scene without the least important Gaussians.
+    /// A scene without what no rasterizer draws and without the least important Gaussians.
     fn new(scene: &'a Scene, options: &EncodeOptions) -> Result<Self> {
         check_lengths(scene)?;
         if let Some(given) = &options.importance {
             check_length("importances", given.len(), scene.len())?;
         }
         let survey = Survey::of(scene)?;
-        let importance = options.importance.as_ref().map(|given| match options.drop_unseen {
-            true => given.clone(),
-            false => importance::with_unseen(scene, given, options.quality),
-        });
-        let mut input = Self { scene: Cow::Borrowed(scene), importance, kept: None, survey };
+        let importance = options.importance.clone();
+        let scene = Cow::Borrowed(scene);
+        let mut input = Self { scene, importance, kept: None, transparent: 0, survey };
+        let drawn = if options.max_error.is_none() { input.scene.drawn() } else { None };
+        if let Some(drawn) = drawn {
+            input.transparent = input.scene.len() - drawn.len();
+            input.keep(drawn)?;
+        }
+        if let Some(seen) = input.importance.as_mut().filter(|_| !options.drop_unseen) {
+            *seen = importance::with_unseen(&input.scene, seen, options.quality);
+        }
         if options.prune != 0.0 {
             let kept = match &input.importance {
                 Some(importance) => prune(importance, options.prune)?,
-                None => prune(&importance::without_cameras(scene), options.prune)?,
+                None => prune(&importance::without_cameras(&input.scene), options.prune)?,
             };
-            input.select(&kept)?;
-            input.kept = Some(kept);
+            input.keep(kept)?;
         }
         Ok(input)
+    }
+
+    /// Leaves out all Gaussians but those at `indices`.
+    fn keep(&mut self, indices: Vec<usize>) -> Result<()> {
+        self.select(&indices)?;
+        self.kept = Some(match &self.kept {
+            Some(before) => indices.iter().map(|&i| before[i]).collect(),
+            None => indices,
+        });
+        Ok(())
     }
 
     /// Keeps the Gaussians at `indices` only.

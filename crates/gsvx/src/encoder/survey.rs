@@ -54,7 +54,7 @@ impl Survey {
         Ok(survey)
     }
 
-    /// Counts valid Gaussians in.
+    /// Counts valid Gaussians in. A stream as [`crate::encode`] makes it has none that [`Scene::drawn`] leaves out.
     pub fn add(&mut self, scene: &Scene) {
         self.count += scene.len() as u64;
         for mean in &scene.means {

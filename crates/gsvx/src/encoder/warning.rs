@@ -43,6 +43,8 @@ impl fmt::Display for Missed {
 /// What the user of a stream should know.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum EncodeWarning {
+    /// No rasterizer draws any of the model's Gaussians; the stream has none.
+    AllTransparent(u64),
     /// Positions err visibly.
     CoarseCells(CoarseCells),
     /// Gaussians share their positions with others, and were merged.
@@ -61,6 +63,11 @@ pub enum EncodeWarning {
 impl fmt::Display for EncodeWarning {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
+            Self::AllTransparent(n) => write!(
+                f,
+                "the stream is empty: all {n} Gaussians of the model have an opacity below 1/255, which no \
+                 rasterizer draws; lossless coding keeps them"
+            ),
             Self::CoarseCells(coarse) => write!(
                 f,
                 "parts of the scene lie so far apart, or differ so much in size, that positions come in steps of \
@@ -97,7 +104,11 @@ pub(crate) fn warnings(scene: &Scene, encoded: &Encoded) -> Vec<EncodeWarning> {
     if encoded.max_error.is_some() {
         return all;
     }
-    let (before, gaussians) = (scene.len() as u64, encoded.index.header.count);
+    let (before, gaussians) =
+        ((scene.len() - encoded.transparent) as u64, encoded.index.header.count);
+    if before == 0 && encoded.transparent > 0 {
+        all.push(EncodeWarning::AllTransparent(encoded.transparent as u64));
+    }
     let merged = before.saturating_sub(gaussians);
     // Counting takes time, and shows nothing where little was merged.
     if merged > before / 20 {
