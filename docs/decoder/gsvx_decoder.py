@@ -30,9 +30,11 @@ class Head:
         need(start.take(9) == b"\x89GSVX\r\n\x1a\x01", "not a gsvx stream of format 1")
         fields = Bytes(start.take(start.number("I")))
         need(crc32c(stream[:start.tell()]) == start.number("I"), "the head is damaged")
-        self.degree, self.depth, *cube = fields.numbers("2B4d")
-        self.origin, self.side = np.array(cube[:3]), cube[3]
+        first, self.depth, *cube = fields.numbers("2B4d")
+        self.degree, self.antialiased = first & 0x3F, bool(first & 0x40)
+        self.corner, self.side = np.array(cube[:3]), cube[3]
         self.step_opacity, self.step_dc, *self.steps_sh, self.step_covariance = F(fields.numbers("6f")) * F(32)
+        self.origin = fields.numbers("3d") if first & 0x80 else (0.0, 0.0, 0.0)
         count = fields.varint()
         self.chunks, at = [], start.tell()
         for _ in range(fields.varint()):
@@ -57,7 +59,7 @@ def leaf_chunk(head, number, layers):
     need(codes[0] == chunk.first_cell and not any(end > cell for cell in behind), "a chunk leaves its cells")
     merges, depths = Merges(codes), np.array(depths)
     indices, sizes = np.stack(axes(np.array(codes), J), 1), 2 ** (J - depths)[:, None]
-    means = F(head.origin + (indices + 0.5 * sizes) * (head.side / 2**J))
+    means = F(head.corner + (indices + 0.5 * sizes) * (head.side / 2**J))
 
     v = Raht(block, merges, np.ones(chunk.count)).attribute(1, 1)[:, 0]
     classes = np.floor(np.clip(v + offset(depths, a_importance) + F(0.5), 0, 11)).astype(np.int64)
@@ -106,5 +108,8 @@ def decode(stream, level=0, degree=3):
 
 if __name__ == "__main__":
     with open(sys.argv[1], "rb") as file:
-        for name, values in decode(file.read())._asdict().items():
-            print(name, values.shape, values[:3].tolist())
+        stream = file.read()
+    head = Head(stream)
+    print("SH degree %d, antialiased: %s, origin: %s" % (head.degree, head.antialiased, head.origin))
+    for name, values in decode(stream)._asdict().items():
+        print(name, values.shape, values[:3].tolist())

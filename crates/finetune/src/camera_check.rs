@@ -27,6 +27,7 @@ use crate::train_view::TrainView;
 ///     opacity_logits: vec![1.0; 2],
 ///     sh_degree: 0,
 ///     sh: vec![[0.0; 3]; 2],
+///     ..Scene::default()
 /// };
 /// // The camera looks at the first Gaussian; the second is behind it.
 /// let (eye, up) = ([0.0, 0.0, -2.0], [0.0, -1.0, 0.0]);

@@ -29,6 +29,7 @@
 //!     opacity_logits: vec![2.0],
 //!     sh_degree: 0,
 //!     sh: vec![[1.0, 0.2, -0.5]],
+//!     ..Scene::default()
 //! };
 //! let options = RenderOptions::default();
 //! let input = render(&scene, &camera, &options);

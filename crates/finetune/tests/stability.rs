@@ -33,6 +33,7 @@ fn one(mean: [f32; 3], rotation: [f32; 4], log_scale: [f32; 3], logit: f32) -> S
         opacity_logits: vec![logit],
         sh_degree: 0,
         sh: vec![[1.2, 0.3, -0.4]],
+        ..Scene::default()
     }
 }
 

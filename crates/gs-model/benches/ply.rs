@@ -20,6 +20,7 @@ fn scene(n: usize) -> Scene {
         opacity_logits: vec![0.5; n],
         sh_degree: 3,
         sh: triples(16 * n),
+        ..Scene::default()
     }
 }
 

@@ -18,6 +18,7 @@
 //!     opacity_logits: vec![6.0],
 //!     sh_degree: 0,
 //!     sh: vec![[0.5 / gs_model::SH_C0, -0.5 / gs_model::SH_C0, -0.5 / gs_model::SH_C0]],
+//!     ..Scene::default()
 //! };
 //! scene.validate()?;
 //!

@@ -31,6 +31,13 @@ pub struct Scene {
     /// triple of basis function `k` of Gaussian `i`; `k = 0` is the DC term. (Inria PLY files
     /// store `f_rest` channel-major; the reader and the writer convert.)
     pub sh: Vec<[f32; 3]>,
+    /// Whether the model is trained to be drawn with compensated opacity: a rasterizer blurs each Gaussian by 0.3
+    /// pixels squared, and lowers its opacity by as much as that enlarges it (Mip-Splatting; gsplat's mode
+    /// `antialiased`).
+    pub antialiased: bool,
+    /// Where the origin of the means lies in the coordinates of a georeferenced model: what is to be added to the means,
+    /// in f64. Finite; 0 in others.
+    pub origin: [f64; 3],
 }
 
 /// One array of a [`Scene`].
@@ -72,7 +79,14 @@ impl Scene {
             opacity_logits: vec![0.0; n],
             sh_degree,
             sh: vec![[0.0; 3]; n * sh_len(sh_degree)],
+            ..Self::default()
         }
+    }
+
+    /// A scene without Gaussians that is antialiased if this one is, and has its origin.
+    #[must_use]
+    pub fn emptied(&self, sh_degree: u8) -> Self {
+        Self { sh_degree, antialiased: self.antialiased, origin: self.origin, ..Self::default() }
     }
 
     /// Number of Gaussians.
@@ -127,8 +141,8 @@ impl Scene {
             rotations: indices.iter().map(|&i| self.rotations[i]).collect(),
             log_scales: indices.iter().map(|&i| self.log_scales[i]).collect(),
             opacity_logits: indices.iter().map(|&i| self.opacity_logits[i]).collect(),
-            sh_degree: self.sh_degree,
             sh: Vec::with_capacity(indices.len() * k),
+            ..self.emptied(self.sh_degree)
         };
         for &i in indices {
             out.sh.extend_from_slice(self.sh_of(i));
@@ -137,7 +151,8 @@ impl Scene {
     }
 
     /// Appends the Gaussians of `other`, at this scene's SH degree: their higher coefficients are
-    /// left out, missing ones are zero.
+    /// left out, missing ones are zero. They come to lie about this scene's origin. An empty scene takes the origin
+    /// of `other`, and whether it is antialiased.
     pub fn append(&mut self, other: &Self) {
         self.append_range(other, 0..other.len());
     }
@@ -148,7 +163,11 @@ impl Scene {
     /// If the range exceeds `other`.
     pub fn append_range(&mut self, other: &Self, range: Range<usize>) {
         let len = self.sh_len();
-        self.means.extend_from_slice(&other.means[range.clone()]);
+        if self.is_empty() {
+            (self.antialiased, self.origin) = (other.antialiased, other.origin);
+        }
+        let moved = other.means[range.clone()].iter().map(|&mean| other.about(self.origin, mean));
+        self.means.extend(moved);
         self.rotations.extend_from_slice(&other.rotations[range.clone()]);
         self.log_scales.extend_from_slice(&other.log_scales[range.clone()]);
         self.opacity_logits.extend_from_slice(&other.opacity_logits[range.clone()]);
@@ -156,6 +175,21 @@ impl Scene {
             let row = other.sh_of(i);
             self.sh.extend((0..len).map(|j| row.get(j).copied().unwrap_or_default()));
         }
+    }
+
+    /// Gives the scene another origin: the means change, the places of the Gaussians do not, but for rounding.
+    pub fn move_origin(&mut self, origin: [f64; 3]) {
+        let mut means = std::mem::take(&mut self.means);
+        means.iter_mut().for_each(|mean| *mean = self.about(origin, *mean));
+        (self.means, self.origin) = (means, origin);
+    }
+
+    /// A mean of this scene about another origin.
+    fn about(&self, origin: [f64; 3], mean: [f32; 3]) -> [f32; 3] {
+        if origin == self.origin {
+            return mean;
+        }
+        std::array::from_fn(|k| (f64::from(mean[k]) + (self.origin[k] - origin[k])) as f32)
     }
 
     /// Removes the SH coefficients above `degree` in place and frees their memory. A scene of a lower
@@ -192,8 +226,8 @@ impl Scene {
             rotations: self.rotations.split_off(at),
             log_scales: self.log_scales.split_off(at),
             opacity_logits: self.opacity_logits.split_off(at),
-            sh_degree: self.sh_degree,
             sh: self.sh.split_off(at * self.sh_len()),
+            ..self.emptied(self.sh_degree)
         }
     }
 }

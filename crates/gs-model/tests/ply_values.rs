@@ -53,6 +53,7 @@ fn any_scene() -> impl Strategy<Value = Scene> {
                 opacity_logits,
                 sh_degree,
                 sh,
+                ..Scene::default()
             })
     })
 }

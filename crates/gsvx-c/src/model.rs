@@ -35,6 +35,7 @@ pub(crate) fn encode(
         opacity_logits: arrays.opacity_logits.to_vec(),
         sh_degree: arrays.sh_degree,
         sh: rows(arrays.sh),
+        ..Scene::default()
     };
     axes(arrays.axes)?.turn_back(&mut scene);
     let aim = match options {

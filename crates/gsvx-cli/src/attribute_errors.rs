@@ -157,6 +157,7 @@ mod tests {
             opacity_logits: (0..50).map(|i| 0.1 * at(i) - 2.0).collect(),
             sh_degree: 1,
             sh: (0..200).map(|i| [0.01 * at(i), 0.0, -0.3]).collect(),
+            ..Scene::default()
         }
     }
 

@@ -171,7 +171,7 @@ fn write_ply(decoder: &Decoder<'_>, output: Output) -> Result<Written> {
 
 /// All that the decoder gives.
 fn whole(decoder: &Decoder<'_>) -> Result<Scene> {
-    let mut all = Scene { sh_degree: decoder.sh_degree(), ..Scene::default() };
+    let mut all = decoder.empty_scene();
     decoder.chunks::<gsvx::Error>(|scene| {
         all.append(&scene);
         Ok(())

@@ -56,7 +56,7 @@ pub(crate) fn read(
     let meets = |&i: &usize| region.meets(index.chunks[i].bounds);
     let wanted: Vec<usize> = of_level.iter().copied().filter(meets).collect();
     limit.check(path, wanted.iter().map(|&i| index.chunks[i].count).sum())?;
-    let mut scene = Scene { sh_degree, ..Scene::default() };
+    let mut scene = index.header.empty_scene(max_sh_degree);
     for &chunk in &wanted {
         let layers = file.index.chunks[chunk].layers.len().min(1 + usize::from(sh_degree));
         let decoded = file.decode(chunk, layers)?;

@@ -67,6 +67,7 @@ impl SplatArrays<'_> {
             },
             sh_degree,
             sh: coefficients(&dc, &rest),
+            ..Scene::default()
         }))
     }
 }

@@ -64,7 +64,7 @@ impl WholeModel {
         let arrays = js_sys::Object::new();
         let mut out = layout::named(layout, &arrays, capacity.max(count), sh_degree)?;
         for at in (0..count).step_by(BLOCK) {
-            let mut block = Scene { sh_degree: self.scene.sh_degree, ..Scene::default() };
+            let mut block = self.scene.emptied(self.scene.sh_degree);
             block.append_range(&self.scene, first + at..first + count.min(at + BLOCK));
             block.cut_sh(sh_degree);
             out.put(at, &block);

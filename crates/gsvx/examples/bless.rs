@@ -10,12 +10,13 @@ fn main() -> std::io::Result<()> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/streams");
     std::fs::create_dir_all(&folder)?;
     let mut list = String::from(
-        "# SHA-256 of the decoded floats, name. The floats are f32, little-endian: all means, all rotations, all \
+        "# SHA-256 of the decoded floats, name, what else the head says of the scene. The floats are f32, little-endian: all means, all rotations, all \
          log-scales, all opacity logits, all SH coefficients. Written by: cargo run --release -p gsvx --example bless\n",
     );
     for (name, bytes) in golden::streams() {
         let scene = gsvx::decode(&bytes).map_err(std::io::Error::other)?;
-        list += &format!("{}  {name}\n", testing::sha256(&scene));
+        let line = format!("{}  {name}  {}", testing::sha256(&scene), testing::marks(&scene));
+        list += &format!("{}\n", line.trim_end());
         println!("{name}: {} bytes, {} Gaussians", bytes.len(), scene.len());
         std::fs::write(folder.join(&name), bytes)?;
     }

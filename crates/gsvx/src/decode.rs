@@ -74,7 +74,7 @@ pub fn decode(bytes: &[u8]) -> Result<Scene> {
 /// As [`decode`]; see [`DecodeOptions::salvage`].
 pub fn decode_with(bytes: &[u8], options: &DecodeOptions) -> Result<Decoded> {
     let decoder = Decoder::new(bytes, options)?;
-    let mut scene = Scene::zeros(decoder.len(), decoder.sh_degree);
+    let mut scene = decoder.zeros(decoder.len());
     let mut rest = GaussiansMut::of(&mut scene);
     let mut jobs = Vec::with_capacity(decoder.jobs.len());
     for job in &decoder.jobs {
@@ -300,6 +300,19 @@ impl<'a> Decoder<'a> {
         self.sh_degree
     }
 
+    /// A scene without Gaussians, of the SH degree of those that will be decoded.
+    #[must_use]
+    pub fn empty_scene(&self) -> Scene {
+        self.index.header.empty_scene(self.sh_degree)
+    }
+
+    /// So many Gaussians, to be filled in.
+    fn zeros(&self, n: usize) -> Scene {
+        let mut scene = self.empty_scene();
+        resize(&mut scene, n);
+        scene
+    }
+
     /// What is not decoded, and why; one line each.
     #[must_use]
     pub fn skipped(&self) -> &[String] {
@@ -328,7 +341,7 @@ impl<'a> Decoder<'a> {
     ) -> std::result::Result<(), E> {
         for jobs in self.jobs.chunks(parallel::threads()) {
             let work = |job: &Job| {
-                let mut scene = Scene::zeros(job.count, self.sh_degree);
+                let mut scene = self.zeros(job.count);
                 let mut chunk = DecodedChunk::default();
                 self.decode_job(job, &mut chunk)?;
                 chunk.fill(0, &mut GaussiansMut::of(&mut scene))?;
@@ -357,8 +370,8 @@ impl<'a> Decoder<'a> {
         let lock = || free.lock().unwrap_or_else(PoisonError::into_inner);
         let work = |job: &Job| {
             let space = lock().pop();
-            let (mut chunk, mut buffer, mut block) = space.unwrap_or_default();
-            block.sh_degree = self.sh_degree;
+            let new = || (DecodedChunk::default(), T::default(), self.empty_scene());
+            let (mut chunk, mut buffer, mut block) = space.unwrap_or_else(new);
             self.decode_job(job, &mut chunk)?;
             for at in (0..job.count).step_by(BLOCK) {
                 resize(&mut block, BLOCK.min(job.count - at));

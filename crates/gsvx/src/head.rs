@@ -8,6 +8,7 @@ use crate::bytes::SliceReader;
 use crate::bytes::Writer;
 use crate::error::{Error, Result};
 use gpcc_lite::Cube;
+use gs_model::Scene;
 use std::ops::Range;
 
 /// First eight bytes of every stream. The non-ASCII byte, CR LF and ^Z catch text-mode transfers, as
@@ -63,6 +64,19 @@ pub struct Header {
     pub cube: Cube,
     /// Quantisation steps.
     pub steps: Steps,
+    /// See [`Scene::antialiased`].
+    pub antialiased: bool,
+    /// See [`Scene::origin`].
+    pub origin: [f64; 3],
+}
+
+impl Header {
+    /// A scene without Gaussians, of the stream's SH degree or `most`.
+    #[must_use]
+    pub fn empty_scene(&self, most: u8) -> Scene {
+        let &Self { sh_degree, antialiased, origin, .. } = self;
+        Scene { sh_degree: sh_degree.min(most), antialiased, origin, ..Scene::default() }
+    }
 }
 
 /// What a chunk holds.
@@ -305,16 +319,25 @@ impl Index {
     }
 }
 
+/// Bits of the header's first byte, above the SH degree.
+const ANTIALIASED: u8 = 0x40;
+const HAS_ORIGIN: u8 = 0x80;
+
 /// The code of [`Kind::Exact`] in an index entry, in the place of a level of detail.
 const EXACT: u8 = 255;
 
 #[cfg(feature = "encode")]
 fn write_header(w: &mut Writer, header: &Header) {
-    w.u8(header.sh_degree);
+    let has_origin = header.origin != [0.0; 3];
+    let flag = |set: bool, bit: u8| if set { bit } else { 0 };
+    w.u8(header.sh_degree | flag(header.antialiased, ANTIALIASED) | flag(has_origin, HAS_ORIGIN));
     w.u8(header.j_high);
     header.cube.origin.iter().for_each(|&v| w.f64(v));
     w.f64(header.cube.side);
     header.steps.all().iter().for_each(|&v| w.f32(v));
+    if has_origin {
+        header.origin.iter().for_each(|&v| w.f64(v));
+    }
     w.varint(header.count);
 }
 
@@ -323,7 +346,9 @@ fn corrupt(what: &'static str, value: impl Into<u64>) -> Error {
 }
 
 fn read_header(r: &mut SliceReader<'_>) -> Result<Header> {
-    let sh_degree = r.u8()?;
+    let first = r.u8()?;
+    let (antialiased, has_origin) = (first & ANTIALIASED != 0, first & HAS_ORIGIN != 0);
+    let sh_degree = first & !(ANTIALIASED | HAS_ORIGIN);
     if sh_degree > 3 {
         return Err(corrupt("SH degree", sh_degree));
     }
@@ -331,10 +356,7 @@ fn read_header(r: &mut SliceReader<'_>) -> Result<Header> {
     if j_high > gpcc_lite::morton::MAX_DEPTH {
         return Err(corrupt("octree depth", j_high));
     }
-    let mut origin = [0.0; 3];
-    for v in &mut origin {
-        *v = r.finite_f64("cube origin")?;
-    }
+    let corner = finite_f64s(r, "cube origin")?;
     let side = r.finite_f64("cube side")?;
     if side <= 0.0 {
         return Err(corrupt("cube side", side.to_bits()));
@@ -348,8 +370,14 @@ fn read_header(r: &mut SliceReader<'_>) -> Result<Header> {
     }
     let [opacity, dc, sh1, sh2, sh3, covariance] = steps;
     let steps = Steps { opacity, dc, sh: [sh1, sh2, sh3], covariance };
+    let origin = if has_origin { finite_f64s(r, "origin")? } else { [0.0; 3] };
     let count = r.varint()?;
-    Ok(Header { count, sh_degree, j_high, cube: Cube { origin, side }, steps })
+    let cube = Cube { origin: corner, side };
+    Ok(Header { count, sh_degree, j_high, cube, steps, antialiased, origin })
+}
+
+fn finite_f64s(r: &mut SliceReader<'_>, what: &'static str) -> Result<[f64; 3]> {
+    Ok([r.finite_f64(what)?, r.finite_f64(what)?, r.finite_f64(what)?])
 }
 
 fn read_chunks(r: &mut SliceReader<'_>, header: &Header, head_len: u64) -> Result<Vec<Chunk>> {

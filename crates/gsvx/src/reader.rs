@@ -10,6 +10,7 @@
 //! #     means: (0..50).map(|i| [i as f32, (i * i % 7) as f32, 0.0]).collect(),
 //! #     rotations: vec![[1.0, 0.0, 0.0, 0.0]; 50], log_scales: vec![[-2.0; 3]; 50],
 //! #     opacity_logits: vec![1.0; 50], sh_degree: 0, sh: vec![[0.3; 3]; 50],
+//! #     ..Default::default()
 //! # };
 //! # let stream = gsvx::encode(&scene, &EncodeOptions::default())?.bytes;
 //! let fetch = |range: std::ops::Range<u64>| &stream[range.start as usize..range.end as usize];

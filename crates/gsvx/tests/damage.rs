@@ -298,6 +298,7 @@ fn the_default_limit_admits_a_constant_grid() {
         opacity_logits: vec![2.0; n],
         sh_degree: 0,
         sh: vec![[0.3; 3]; n],
+        ..gs_model::Scene::default()
     };
     let mut options = EncodeOptions::default();
     options.leaves = gsvx::Leaves::Uniform { depth: 6 };

@@ -7,7 +7,8 @@ use std::num::NonZeroUsize;
 use testing::{Rng, with_related_degrees};
 
 fn trained_like(n: usize, sh_degree: u8, seed: u64) -> Scene {
-    with_related_degrees(testing::trained_like(n, sh_degree, &mut Rng::seeded(seed)))
+    let scene = testing::trained_like(n, sh_degree, &mut Rng::seeded(seed));
+    Scene { antialiased: true, origin: [5e5, 0.5, 0.0], ..with_related_degrees(scene) }
 }
 
 fn prepared(n: usize, sh_degree: u8) -> Prepared {
@@ -28,6 +29,7 @@ fn assert_same(a: &Scene, b: &Scene) {
         floats.chain(s.sh.as_flattened()).map(|v| v.to_bits()).collect()
     };
     assert_eq!((a.len(), a.sh_degree), (b.len(), b.sh_degree));
+    assert_eq!((a.antialiased, a.origin), (b.antialiased, b.origin));
     assert!(bits(a) == bits(b));
 }
 

@@ -15,6 +15,8 @@ fn city(len: usize) -> Scene {
         scene.means[i][0] += [0.0, 5.0, 400.0][i % 3];
         scene.log_scales[i] = scene.log_scales[i].map(|l| l + libm::logf(scale));
     }
+    scene.antialiased = true;
+    scene.origin = [448_200.25, 5_411_900.5, 46.0];
     scene
 }
 
@@ -122,6 +124,11 @@ fn what_does_not_belong_together_is_not_joined() {
     for other in [index(&scene, 51.0, false), index(&city(601), 50.0, false), one.clone()] {
         let error = join(&[one.clone(), other]).unwrap_err();
         assert!(matches!(error, Error::NotOneScene { first: 0, second: 1, .. }), "{error}");
+    }
+    let of_another_kind = Scene { antialiased: false, ..scene.clone() };
+    let elsewhere = Scene { origin: [1.0; 3], ..scene.clone() };
+    for other in [of_another_kind, elsewhere] {
+        assert!(join(&[one.clone(), index(&other, 50.0, false)]).is_err());
     }
     // Levels of detail in one part only.
     let mut other = one.clone();

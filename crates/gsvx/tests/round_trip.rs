@@ -7,7 +7,8 @@ use common::{encoding, leaves, on_threads, scene, spread, voxelized, with_floate
 use gs_model::Scene;
 use gsvx::covariance::coordinates;
 use gsvx::{
-    EncodeOptions, Error, decode, decode_leaves, decode_with, encode, encode_voxels, importance,
+    DecodeOptions, EncodeOptions, Error, MaxError, decode, decode_leaves, decode_with, encode,
+    encode_voxels, importance,
 };
 use voxel::Strategy;
 
@@ -341,4 +342,46 @@ fn large_values_come_back() {
         encode_voxels(&merged, voxels.octree(), None, &EncodeOptions::default()).unwrap().bytes;
     let back = decode(&bytes).unwrap();
     assert!((back.sh[7][2] + 1.8e4).abs() < 10.0, "{}", back.sh[7][2]);
+}
+
+#[test]
+fn every_stream_says_whether_its_scene_is_antialiased_and_what_its_origin_is() {
+    let scene = Scene {
+        antialiased: true,
+        origin: [448_200.25, 5_411_900.5, -46.125],
+        ..with_floaters(scene(300, 1, 3)).0
+    };
+    let plain = EncodeOptions::default();
+    let mut bounded = plain.clone();
+    bounded.max_error = Some(MaxError { mean: 0.01, opacity: 0.01, shape: 0.1, sh: 0.1 });
+    let mut levels = plain.clone();
+    (levels.lod, levels.prune) = (true, 0.1);
+    let mut all = [plain, bounded, levels].map(|o| encode(&scene, &o).unwrap().bytes).to_vec();
+    all.push(gsvx::encode_lossless(&scene, true).unwrap().bytes);
+    all.push(encode(&scene.emptied(1), &EncodeOptions::default()).unwrap().bytes);
+    for (i, stream) in all.iter().enumerate() {
+        let told = |s: &Scene| (s.antialiased, s.origin);
+        let decoder = gsvx::Decoder::new(stream, &DecodeOptions::default()).unwrap();
+        assert_eq!(told(&decode(stream).unwrap()), told(&scene), "{i}");
+        decoder
+            .chunks::<gsvx::Error>(|part| {
+                assert_eq!(told(&part), told(&scene), "{i}");
+                Ok(())
+            })
+            .unwrap();
+        decoder
+            .blocks(|(): &mut (), _, part| {
+                assert_eq!(told(part), told(&scene), "{i}");
+                Ok::<_, gsvx::Error>(())
+            })
+            .unwrap();
+        let mut reader = gsvx::Reader::new();
+        reader.give(0, stream).unwrap();
+        if !reader.index().unwrap().chunks.is_empty() {
+            assert_eq!(told(&reader.decode(0, 1).unwrap()), told(&scene), "{i}");
+        }
+    }
+    let nowhere = Scene { origin: [f64::NAN, 0.0, 0.0], ..scene };
+    assert!(encode(&nowhere, &EncodeOptions::default()).is_err());
+    assert!(gsvx::encode_lossless(&nowhere, false).is_err());
 }

@@ -91,5 +91,5 @@ pub fn decode_within(bytes: &[u8], limits: &Limits) -> Result<Scene> {
     let coded = input.block("covariance")?;
     let (rotations, log_scales) = covariance::decode(coded, &plan)?;
     input.finish()?;
-    Ok(Scene { means, rotations, log_scales, opacity_logits, sh_degree, sh })
+    Ok(Scene { means, rotations, log_scales, opacity_logits, sh_degree, sh, ..Scene::default() })
 }

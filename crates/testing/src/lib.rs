@@ -16,4 +16,4 @@ pub mod wgsl;
 pub use desk::{desk, desk_cameras};
 pub use rng::Rng;
 pub use room::copy_room;
-pub use scenes::{clustered, sha256, trained_like, with_floaters, with_related_degrees};
+pub use scenes::{clustered, marks, sha256, trained_like, with_floaters, with_related_degrees};

@@ -89,6 +89,16 @@ pub fn sha256(scene: &Scene) -> String {
     sha.finalize().iter().map(|b| format!("{b:02x}")).collect()
 }
 
+/// What a golden stream says beside its floats: the third column of `fixtures/streams/hashes.txt`, empty for most.
+#[must_use]
+pub fn marks(scene: &Scene) -> String {
+    let [x, y, z] = scene.origin;
+    match (scene.antialiased, scene.origin != [0.0; 3]) {
+        (false, false) => String::new(),
+        (antialiased, _) => format!("antialiased {antialiased}, origin {x} {y} {z}"),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -75,7 +75,8 @@ impl StateWriter {
     }
 
     pub(crate) fn scene(&mut self, scene: &Scene) {
-        self.integers(&[scene.sh_degree.into(), scene.len() as u64]);
+        self.integers(&[scene.sh_degree.into(), scene.len() as u64, scene.antialiased.into()]);
+        self.numbers(&scene.origin);
         for array in [
             scene.means.as_flattened(),
             scene.rotations.as_flattened(),
@@ -196,8 +197,11 @@ impl<'a> StateReader<'a> {
 
     pub(crate) fn scene(&mut self) -> Result<Scene> {
         let head = self.integers()?;
-        let [degree @ 0..=3, n] = head[..] else {
+        let [degree @ 0..=3, n, antialiased] = head[..] else {
             return Err(self.error("head of a scene"));
+        };
+        let [x, y, z] = self.numbers()?[..] else {
+            return Err(self.error("origin of a scene"));
         };
         let scene = Scene {
             sh_degree: degree as u8,
@@ -206,6 +210,8 @@ impl<'a> StateReader<'a> {
             log_scales: self.rows()?,
             opacity_logits: self.floats()?,
             sh: self.rows()?,
+            antialiased: antialiased != 0,
+            origin: [x, y, z],
         };
         scene.validate().map_err(|e| self.refused("a scene that is not valid", e))?;
         if scene.len() as u64 == n { Ok(scene) } else { Err(self.error("length of a scene")) }

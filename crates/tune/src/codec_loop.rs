@@ -91,7 +91,7 @@ impl CodecLoop {
     pub(crate) fn new(plan: &TunePlan, pixels: f64, leaves: LoopLeaves, latents: Latents) -> Self {
         let LoopLeaves { octree, importance, outliers } = &leaves;
         let n = latents.values().len();
-        let mut scene = Scene { sh_degree: latents.sh_degree(), ..Scene::default() };
+        let mut scene = latents.empty_scene();
         if let Some(outliers) = outliers {
             // The leaves come before the outliers; their values are filled in by the first step.
             let blank = vec![0; octree.len()];

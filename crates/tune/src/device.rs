@@ -213,8 +213,8 @@ mod tests {
         let LoopLeaves { octree, importance, outliers } = &state.leaves;
         let mut options = encode_options(PLAN.quality, importance.clone(), Layout::Finest).unwrap();
         options.chunk_leaves = NonZeroUsize::new(100).unwrap();
-        let (degree, values) = (state.latents.sh_degree(), state.latents.values().to_vec());
-        let latents = Latents::with_values(octree, importance, &options, degree, values).unwrap();
+        let (empty, values) = (state.latents.empty_scene(), state.latents.values().to_vec());
+        let latents = Latents::with_values(octree, importance, &options, &empty, values).unwrap();
         let (octree, importance) = (octree.clone(), importance.clone());
         let leaves = LoopLeaves { octree, importance, outliers: outliers.clone() };
         CodecLoop::new(&PLAN, views.pixels(), leaves, latents)

@@ -59,7 +59,7 @@ pub(crate) fn codec_loop(
 
 /// A scene cut or filled up to an SH degree.
 pub(crate) fn at_degree(scene: &Scene, degree: u8) -> Scene {
-    let mut out = Scene { sh_degree: degree, ..Scene::default() };
+    let mut out = scene.emptied(degree);
     out.append(scene);
     out
 }
@@ -82,14 +82,15 @@ impl Stage {
             }
             Self::Loop(state) => {
                 let LoopLeaves { octree, importance, outliers } = &state.leaves;
-                let degree = state.latents.sh_degree();
-                out.integers(&[1, state.done, degree.into()]);
+                let empty = state.latents.empty_scene();
+                out.integers(&[1, state.done]);
+                out.scene(&empty);
                 out.numbers(&[state.quality.into()]);
                 write_leaves(out, octree);
                 out.floats(importance);
                 out.floats(state.latents.values());
                 out.moments(&state.moments);
-                out.scene(outliers.as_ref().unwrap_or(&at_degree(&Scene::default(), degree)));
+                out.scene(outliers.as_ref().unwrap_or(&empty));
             }
         }
     }
@@ -106,8 +107,9 @@ impl Stage {
                 let recovery = SceneLoop::read(input, mean_rate(&views.cameras), plan.round_steps)?;
                 Ok(Self::Round { round, recovery: steady(recovery) })
             }
-            [1, done, degree @ 0..=3] => {
-                let latents = read_latents(input, layout, degree as u8)?;
+            [1, done] => {
+                let empty = input.scene()?;
+                let latents = read_latents(input, layout, &empty)?;
                 let mut state = read_loop(input, views, plan, latents)?;
                 state.done = done;
                 Ok(Self::Loop(Box::new(state)))
@@ -142,14 +144,14 @@ fn read_leaves(input: &mut StateReader<'_>) -> Result<Octree> {
 fn read_latents(
     input: &mut StateReader<'_>,
     layout: Layout,
-    sh_degree: u8,
+    empty: &Scene,
 ) -> Result<(f32, LoopLeaves, Latents)> {
     let [quality] = input.numbers()?[..] else { return Err(input.error("quality")) };
     let (octree, quality) = (read_leaves(input)?, quality as f32);
     let importance = input.floats()?;
     let values = input.floats()?;
     let options = encode_options(quality, importance.clone(), layout)?;
-    let latents = Latents::with_values(&octree, &importance, &options, sh_degree, values)?;
+    let latents = Latents::with_values(&octree, &importance, &options, empty, values)?;
     Ok((quality, LoopLeaves { octree, importance, outliers: None }, latents))
 }
 

@@ -54,7 +54,7 @@ fn tuned(options: &TuneOptions) -> TuneOutcome {
 }
 
 fn bits(scene: &Scene) -> Vec<u32> {
-    let Scene { means, rotations, log_scales, opacity_logits, sh_degree: _, sh } = scene;
+    let Scene { means, rotations, log_scales, opacity_logits, sh, .. } = scene;
     let floats = means.as_flattened().iter().chain(rotations.as_flattened());
     let floats = floats.chain(log_scales.as_flattened()).chain(opacity_logits);
     floats.chain(sh.as_flattened()).map(|v| v.to_bits()).collect()

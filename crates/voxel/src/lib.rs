@@ -24,6 +24,7 @@
 //!     opacity_logits: vec![0.5; 3],
 //!     sh_degree: 0,
 //!     sh: vec![[0.1, 0.2, 0.3]; 3],
+//!     ..Scene::default()
 //! };
 //! let cube = cube_of(&scene.means)?;
 //! let voxels = voxelize(&scene, &cube, &Strategy::Uniform { depth: 6 })?;

@@ -239,6 +239,7 @@ fn a_merged_gaussian_was_more_opaque_than_its_members_on_top_of_each_other() {
         opacity_logits: vec![-3.0, -2.0],
         sh_degree: 0,
         sh: vec![[0.3; 3]; 2],
+        ..Scene::default()
     };
     let v = voxelize(&scene, &cube(&scene), &Strategy::Uniform { depth: 0 }).unwrap();
     let seen = Importance::Given(vec![1.0, 1e-8]);

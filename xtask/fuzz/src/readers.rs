@@ -145,6 +145,7 @@ pub fn tiny_scene() -> Scene {
         opacity_logits: vec![0.5; 2],
         sh_degree: 0,
         sh: vec![[0.1; 3]; 2],
+        ..Scene::default()
     }
 }
 

@@ -108,7 +108,7 @@ pub(super) fn checks(tally: &mut Tally, each: u32) -> Vec<(&'static str, Finding
     let each = each as usize;
     let mut found = Vec::new();
     let streams: Vec<(String, Vec<u8>)> = match golden::streams() {
-        Ok(all) => all.into_iter().map(|(name, bytes, _)| (name, bytes)).collect(),
+        Ok(all) => all.into_iter().map(|golden| (golden.name, golden.bytes)).collect(),
         Err(why) => {
             tally.check("broken streams", || Err(why));
             return found;

@@ -320,6 +320,7 @@ mod tests {
             opacity_logits: vec![3.0; 3],
             sh_degree: 0,
             sh: vec![[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+            ..Scene::default()
         };
         let (eye, up) = ([0.0, 0.0, -1.0], [0.0, -1.0, 0.0]);
         let camera = Camera::looking_at("a".into(), eye, [0.0; 3], up, [32; 2], 1000.0);

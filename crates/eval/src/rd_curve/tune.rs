@@ -141,6 +141,7 @@ fn blank(prepared: &Prepared) -> Scene {
         opacity_logits: vec![-2.197_224_6; n],
         sh_degree: merged.sh_degree,
         sh: vec![[0.0; 3]; merged.sh.len()],
+        ..Scene::default()
     }
 }
 

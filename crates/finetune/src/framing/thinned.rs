@@ -35,7 +35,7 @@ const SEEN: f64 = 0.02;
 pub(super) fn thinned(scene: &Scene, most: usize) -> (Scene, Vec<usize>) {
     let step = scene.len().div_ceil(most).max(1);
     let chosen: Vec<usize> = (0..scene.len()).step_by(step).collect();
-    let mut base = Scene { sh_degree: 0, ..Scene::default() };
+    let mut base = scene.emptied(0);
     let larger = 0.5 * libm::log(step as f64) as f32;
     for &i in &chosen {
         base.means.push(scene.means[i]);

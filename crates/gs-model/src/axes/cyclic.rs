@@ -12,6 +12,7 @@ const R6: f32 = 0.612_372_46;
 pub(super) fn scene(scene: &mut Scene) {
     let per_gaussian = scene.sh_len();
     scene.means.iter_mut().for_each(|m| *m = axes(*m));
+    scene.origin = axes(scene.origin);
     // The Gaussian's own axes change places with those of space.
     scene.rotations.iter_mut().for_each(|[_, v @ ..]| *v = axes(*v));
     scene.log_scales.iter_mut().for_each(|s| *s = axes(*s));
@@ -19,7 +20,7 @@ pub(super) fn scene(scene: &mut Scene) {
 }
 
 /// Three numbers, one for each axis.
-pub(super) fn axes([x, y, z]: [f32; 3]) -> [f32; 3] {
+pub(super) fn axes<T>([x, y, z]: [T; 3]) -> [T; 3] {
     [z, x, y]
 }
 

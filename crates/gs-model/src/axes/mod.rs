@@ -81,6 +81,7 @@ mod tests {
             opacity_logits: vec![0.5],
             sh_degree: 3,
             sh: (0..16).map(|k| [0.1, 0.7, -0.3].map(|v| v * k as f32)).collect(),
+            ..Scene::default()
         }
     }
 

@@ -50,6 +50,7 @@ impl Signs {
     pub(crate) fn scene(&self, scene: &mut Scene) {
         let per_gaussian = scene.sh_len();
         scene.means.iter_mut().for_each(|m| *m = self.mean(*m));
+        scene.origin = std::array::from_fn(|k| f64::from(self.axes[k]) * scene.origin[k]);
         scene.rotations.iter_mut().for_each(|q| *q = self.rotation(*q));
         for (i, rgb) in scene.sh.iter_mut().enumerate() {
             *rgb = rgb.map(|v| self.sh(i % per_gaussian, v));

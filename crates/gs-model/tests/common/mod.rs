@@ -65,6 +65,7 @@ pub(crate) fn scene(n: usize, sh_degree: u8) -> Scene {
         opacity_logits: (0..n).map(|_| next()).collect(),
         sh_degree,
         sh: (0..n * k).map(|_| [next(), next(), next()]).collect(),
+        ..Scene::default()
     }
 }
 

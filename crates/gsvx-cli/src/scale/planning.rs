@@ -6,12 +6,14 @@ use super::rows::TileRows;
 use super::scratch::Scratch;
 use super::sight::Sight;
 use crate::content::SceneArgs;
+use crate::input::name;
 use crate::progress::Meter;
-use anyhow::{Error, Result};
+use anyhow::{Error, Result, anyhow};
 use gs_model::Scene;
 use gsvx::{Choices, Plan, Survey};
 use std::fs::File;
 use std::io::{BufWriter, Read, Seek, Write};
+use std::path::Path;
 
 /// Name of the file of all means.
 const MEANS: &str = "means";
@@ -30,8 +32,15 @@ pub(crate) fn survey(
     let mut survey = Survey::new(choices.max_sh_degree);
     let mut means = BufWriter::with_capacity(1 << 20, scratch.begin(MEANS)?);
     let bar = progress("survey", inputs.iter());
+    let mut first: Option<Scene> = None;
     for input in &mut inputs {
-        input.survey(&args.reading, &bar, |scene| {
+        let path = input.path.clone();
+        input.survey(&args.reading, &bar, |mut scene| {
+            let first = first.get_or_insert_with(|| scene.emptied(0));
+            if scene.antialiased != first.antialiased {
+                return Err(one_antialiased(&args.inputs[0], &path, first.antialiased));
+            }
+            scene.move_origin(first.origin);
             survey.add(&scene);
             let coordinates = scene.means.as_flattened().iter();
             let bytes: Vec<u8> = coordinates.flat_map(|x| x.to_le_bytes()).collect();
@@ -62,6 +71,16 @@ pub(crate) fn survey(
     scratch.forget(&format!("{MEANS}.part"));
     let (reading, cameras) = (args.reading.clone(), sight.map(Sight::file));
     Ok(PlanFile { gsvx: super::VERSION.into(), reading, inputs, cameras, plan })
+}
+
+/// An error for two models that cannot be drawn alike.
+fn one_antialiased(first: &Path, other: &Path, is_first: bool) -> Error {
+    let (with, without) = if is_first { (first, other) } else { (other, first) };
+    anyhow!(
+        "{} is antialiased and {} is not, so they cannot be one scene; encode them as two",
+        name(with),
+        name(without)
+    )
 }
 
 fn read_means(from: &mut File, left: &mut u64) -> std::io::Result<Vec<[f32; 3]>> {

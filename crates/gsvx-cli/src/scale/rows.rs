@@ -18,7 +18,8 @@ pub(crate) struct TileRows {
     file: File,
     /// The rows of each tile; none of those that are not here.
     places: Vec<Range<u64>>,
-    sh_degree: u8,
+    /// Without Gaussians, of the SH degree of the rows.
+    empty: Scene,
 }
 
 impl TileRows {
@@ -31,7 +32,7 @@ impl TileRows {
             first..end
         };
         let places = plan.tile_counts().iter().enumerate().map(place).collect();
-        Self { file, places, sh_degree }
+        Self { file, places, empty: plan.empty_scene().emptied(sh_degree) }
     }
 
     /// Reads the inputs and writes the Gaussians of the tiles `wanted`, up to an SH degree, unless a run before
@@ -53,7 +54,8 @@ impl TileRows {
             |i: &&SceneFile| i.tiles.iter().any(|&t| !rows.places[t as usize].is_empty());
         let bar = progress("partition", inputs.iter().filter(has_wanted));
         for input in inputs.iter().filter(has_wanted) {
-            input.read(reading, &bar, |scene| {
+            input.read(reading, &bar, |mut scene| {
+                scene.move_origin(rows.empty.origin);
                 let tiles = plan.tiles_of(&scene.means).map_err(|_| changed(&input.path))?;
                 let fit = rows.put(&scene, &tiles, &mut next, scratch)?;
                 if fit { Ok(()) } else { Err(changed(&input.path)) }
@@ -86,10 +88,10 @@ impl TileRows {
         if next.iter().zip(places).any(|(next, (p, m))| next + m.len() as u64 > p.end) {
             return Ok(false);
         }
-        let row = ply::row_bytes(self.sh_degree) as u64;
+        let row = ply::row_bytes(self.empty.sh_degree) as u64;
         next.par_iter_mut().zip(&members).filter(|(_, m)| !m.is_empty()).try_for_each(
             |(next, members)| {
-                let mut part = Scene { sh_degree: self.sh_degree, ..Scene::default() };
+                let mut part = self.empty.clone();
                 part.append(&scene.select(members));
                 let mut bytes = Vec::new();
                 ply::rows(&part, &mut bytes)?;
@@ -104,13 +106,14 @@ impl TileRows {
     /// The Gaussians of a tile.
     pub(crate) fn tile(&self, tile: usize) -> Result<Scene> {
         let Range { start, end } = self.places[tile];
-        let (count, row) = ((end - start) as usize, ply::row_bytes(self.sh_degree));
-        let mut bytes = ply::header(count, self.sh_degree);
+        let Scene { sh_degree, antialiased, origin, .. } = self.empty;
+        let (count, row) = ((end - start) as usize, ply::row_bytes(sh_degree));
+        let mut bytes = ply::header(count, sh_degree);
         let header = bytes.len();
         bytes.resize(header + count * row, 0);
         At(&self.file, start * row as u64)
             .read_exact(&mut bytes[header..])
             .context("the scratch files cannot be read")?;
-        Ok(ply::read_bytes(&bytes)?.0)
+        Ok(Scene { antialiased, origin, ..ply::read_bytes(&bytes)?.0 })
     }
 }

@@ -15,7 +15,7 @@ pub(crate) struct GaussiansMut<'a> {
 impl<'a> GaussiansMut<'a> {
     /// All Gaussians of a scene.
     pub(crate) fn of(scene: &'a mut Scene) -> Self {
-        let Scene { means, rotations, log_scales, opacity_logits, sh_degree: _, sh } = scene;
+        let Scene { means, rotations, log_scales, opacity_logits, sh, .. } = scene;
         Self { means, rotations, log_scales, opacity_logits, sh }
     }
 
@@ -61,7 +61,11 @@ impl<'a> GaussiansMut<'a> {
 /// Gives a scene `n` Gaussians whose values are unspecified.
 pub(crate) fn resize(scene: &mut Scene, n: usize) {
     if scene.is_empty() {
-        *scene = Scene::zeros(n, scene.sh_degree);
+        *scene = Scene {
+            antialiased: scene.antialiased,
+            origin: scene.origin,
+            ..Scene::zeros(n, scene.sh_degree)
+        };
     } else {
         let sh = n * scene.sh_len();
         scene.means.resize(n, [0.0; 3]);

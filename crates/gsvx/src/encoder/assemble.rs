@@ -72,7 +72,7 @@ pub(crate) fn assemble(header: Header, encoded: Vec<EncodedChunk>) -> Encoded {
 
 /// Gives a scene another SH degree: coefficients are cut, or zeros are added.
 fn at_degree(scene: &mut Scene, degree: u8) {
-    let mut other = Scene { sh_degree: degree, ..Scene::default() };
+    let mut other = scene.emptied(degree);
     other.append(scene);
     *scene = other;
 }

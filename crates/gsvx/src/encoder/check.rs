@@ -18,6 +18,9 @@ pub(crate) fn check_lengths(scene: &Scene) -> Result<()> {
         let value = f64::from(scene.sh_degree);
         return Err(Error::Option { option: "SH degree", value, range: "0 to 3" });
     }
+    if let Some(&value) = scene.origin.iter().find(|v| !v.is_finite()) {
+        return Err(Error::Option { option: "the origin", value, range: "finite" });
+    }
     check_length("opacity logits", scene.opacity_logits.len(), n)?;
     check_length("log-scales", scene.log_scales.len(), n)?;
     check_length("rotations", scene.rotations.len(), n)?;

@@ -64,6 +64,8 @@ pub(crate) fn encode_source(
         j_high: source.voxels.octree().depth(),
         cube: source.voxels.octree().cube(),
         steps: options.steps,
+        antialiased: source.scene.antialiased,
+        origin: source.scene.origin,
     };
     let tiles = source.whole.map_or(lod::LodTiles::ONE, |w| w.tiles);
     let levels = lod::levels(source.voxels, options, tiles)?;

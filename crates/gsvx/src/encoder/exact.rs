@@ -31,6 +31,8 @@ pub(crate) fn all_exact(scene: &Scene, keep_order: bool) -> Result<Encoded> {
         j_high: 0,
         cube: Cube { origin: [0.0; 3], side: 1.0 },
         steps: Steps::from_dc(1.0),
+        antialiased: scene.antialiased,
+        origin: scene.origin,
     };
     if n == 0 {
         return Ok(Encoded { rows: Some(Vec::new()), ..assemble(header, Vec::new()) });

@@ -30,6 +30,12 @@ pub fn join(streams: &[Index]) -> Result<Joined> {
     for (number, stream) in streams.iter().enumerate() {
         let not_one = |why| Error::NotOneScene { first: 0, second: number, why };
         let common = |header: &Header| Header { count: 0, sh_degree: 0, ..header.clone() };
+        if stream.header.antialiased != first.header.antialiased {
+            return Err(not_one("one is antialiased, the other is not"));
+        }
+        if stream.header.origin != first.header.origin {
+            return Err(not_one("their origins differ"));
+        }
         if common(&stream.header) != common(&first.header) {
             return Err(not_one("their octrees or steps differ"));
         }

@@ -72,10 +72,11 @@ impl Latents {
                 group.values(scene, i, &mut row[group.among(channels)]);
             }
         });
-        Self::with_values(octree, importance, options, sh_degree, values)
+        Self::with_values(octree, importance, options, &scene.emptied(sh_degree), values)
     }
 
-    /// Goes on with the values of other latents on the same leaves, with the same importance of each.
+    /// Goes on with the values of other latents on the same leaves, with the same importance of each. `empty` is their
+    /// [`Latents::empty_scene`].
     ///
     /// # Errors
     /// As [`Latents::new`].
@@ -83,10 +84,11 @@ impl Latents {
         octree: &Octree,
         importance: &[f32],
         options: &EncodeOptions,
-        sh_degree: u8,
+        empty: &Scene,
         values: Vec<f32>,
     ) -> Result<Self> {
         check_steps(&options.steps)?;
+        let &Scene { sh_degree, antialiased, origin, .. } = empty;
         let channels = channels(sh_degree);
         check_length("importances", importance.len(), octree.len())?;
         check_length("values", values.len(), channels * octree.len())?;
@@ -107,6 +109,8 @@ impl Latents {
             j_high: octree.depth(),
             cube: octree.cube(),
             steps: options.steps,
+            antialiased,
+            origin,
         };
         let chunks = chunks.into_iter().collect::<Result<_>>()?;
         Ok(Self { header, chunks, channels, values, coarse })
@@ -122,6 +126,12 @@ impl Latents {
     #[must_use]
     pub fn sh_degree(&self) -> u8 {
         self.header.sh_degree
+    }
+
+    /// A scene without Gaussians, of the SH degree that is coded.
+    #[must_use]
+    pub fn empty_scene(&self) -> Scene {
+        self.header.empty_scene(self.sh_degree())
     }
 
     /// Number of leaves.
@@ -240,7 +250,8 @@ impl Latents {
 
     /// The Gaussians of what was coded last.
     fn rebuild(&self, scene: &mut Scene) -> Result<()> {
-        scene.sh_degree = self.header.sh_degree;
+        let Header { sh_degree, antialiased, origin, .. } = self.header;
+        (scene.sh_degree, scene.antialiased, scene.origin) = (sh_degree, antialiased, origin);
         let n = scene.len().max(self.len());
         chunk::resize(scene, n);
         let mut rest = GaussiansMut::of(scene);

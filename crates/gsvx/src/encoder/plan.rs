@@ -53,7 +53,10 @@ pub struct Plan {
     choices: Choices,
     count: u64,
     sh_degree: u8,
+    antialiased: bool,
     origin: [f64; 3],
+    /// Of the cube.
+    corner: [f64; 3],
     side: f64,
     depth: u8,
     coarse_cells: Option<CoarseCells>,
@@ -101,7 +104,9 @@ impl Plan {
             choices,
             count: survey.count(),
             sh_degree: survey.sh_degree(),
-            origin: cube.origin,
+            antialiased: survey.antialiased,
+            origin: survey.origin,
+            corner: cube.origin,
             side: cube.side,
             depth,
             coarse_cells: survey.coarse_cells(),
@@ -195,7 +200,7 @@ impl Plan {
     /// # Errors
     /// As [`Plan::encode`].
     pub fn encode_nothing(&self) -> Result<Encoded> {
-        self.encode_range(&(0..u64::MAX), &Scene::default(), &[])
+        self.encode_range(&(0..u64::MAX), &self.empty_scene(), &[])
     }
 
     fn encode_range(&self, codes: &Range<u64>, scene: &Scene, seen: &[f32]) -> Result<Encoded> {
@@ -252,6 +257,13 @@ impl Plan {
         self.sh_degree
     }
 
+    /// A scene without Gaussians that is antialiased if all are, and has their origin.
+    #[must_use]
+    pub fn empty_scene(&self) -> Scene {
+        let &Self { sh_degree, antialiased, origin, .. } = self;
+        Scene { sh_degree, antialiased, origin, ..Scene::default() }
+    }
+
     /// What the user of the stream should know.
     #[must_use]
     pub fn warning(&self) -> Option<EncodeWarning> {
@@ -274,7 +286,7 @@ impl Plan {
     }
 
     fn rules(&self) -> TileRules {
-        let cube = Cube { origin: self.origin, side: self.side };
+        let cube = Cube { origin: self.corner, side: self.side };
         let Choices { quality, seen, .. } = self.choices;
         TileRules { cube, depth: self.depth, quality, seen, leaves: Leaves::RateDistortion }
     }

@@ -248,8 +248,8 @@ mod tests {
             rotations: vec![[1.0, 0.0, 0.0, 0.0]; 64],
             log_scales: vec![[-4.0; 3]; 64],
             opacity_logits: vec![2.0; 64],
-            sh_degree: 0,
             sh: vec![[0.3; 3]; 64],
+            ..Scene::default()
         };
         scene.means[63] = [3000.0, 0.0, 0.0];
         let prepared = prepare(&scene, &EncodeOptions::from_quality(60.0).unwrap()).unwrap();

@@ -41,7 +41,7 @@ impl GaussianSource<'_> {
     /// Gaussians of SH degree 0 of some leaves of a level.
     fn base(&self, level: &LodLevel, range: Range<usize>) -> Result<Scene> {
         if self.merged && level.lod == 0 {
-            let mut part = Scene { sh_degree: 0, ..Scene::default() };
+            let mut part = self.scene.emptied(0);
             part.append_range(self.scene, range);
             return Ok(part);
         }

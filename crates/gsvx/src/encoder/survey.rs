@@ -27,6 +27,10 @@ pub struct Survey {
     sizes: Vec<u64>,
     most_degree: u8,
     degree: u8,
+    /// See [`Scene::antialiased`].
+    pub(crate) antialiased: bool,
+    /// See [`Scene::origin`].
+    pub(crate) origin: [f64; 3],
 }
 
 impl Survey {
@@ -40,6 +44,8 @@ impl Survey {
             sizes: vec![0; 1 << SIZE_BITS],
             most_degree: max_sh_degree,
             degree: 0,
+            antialiased: false,
+            origin: [0.0; 3],
         }
     }
 
@@ -54,8 +60,12 @@ impl Survey {
         Ok(survey)
     }
 
-    /// Counts valid Gaussians in. A stream as [`crate::encode`] makes it has none that [`Scene::drawn`] leaves out.
+    /// Counts valid Gaussians in. A stream as [`crate::encode`] makes it has none that [`Scene::drawn`] leaves out. All
+    /// scenes have the same origin, and all or none are antialiased.
     pub fn add(&mut self, scene: &Scene) {
+        if self.count == 0 {
+            (self.antialiased, self.origin) = (scene.antialiased, scene.origin);
+        }
         self.count += scene.len() as u64;
         for mean in &scene.means {
             for k in 0..3 {

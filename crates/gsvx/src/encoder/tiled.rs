@@ -134,8 +134,8 @@ impl<'a> Cut<'a> {
             rotations: of().map(|i| scene.rotations[i]).collect(),
             log_scales: of().map(|i| scene.log_scales[i]).collect(),
             opacity_logits: of().map(|i| scene.opacity_logits[i]).collect(),
-            sh_degree: 0,
             sh: of().map(|i| scene.sh[i * sh_len]).collect(),
+            ..scene.emptied(0)
         })
     }
 

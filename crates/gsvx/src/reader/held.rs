@@ -96,11 +96,10 @@ impl Reader {
     /// As [`Reader::hold`].
     pub fn decode(&mut self, chunk: usize, layers: usize) -> Result<Scene> {
         let count = self.hold(chunk, layers)?;
-        let sh_degree = match (self.decoded.leaves(), &self.index, self.held) {
-            (None, Some(index), _) => index.header.sh_degree,
-            (_, _, held) => held.map_or(0, |h| h.layers as u8 - 1),
-        };
-        let mut scene = Scene { sh_degree, ..Scene::default() };
+        let layers = self.held.map_or(1, |h| h.layers as u8);
+        let most = if self.decoded.leaves().is_some() { layers - 1 } else { u8::MAX };
+        let mut scene =
+            self.index.as_ref().map_or_else(Scene::default, |i| i.header.empty_scene(most));
         self.held_block(0..count, &mut scene)?;
         Ok(scene)
     }

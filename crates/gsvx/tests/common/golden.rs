@@ -33,6 +33,9 @@ pub(crate) fn streams() -> Vec<(String, Vec<u8>)> {
     lod.leaves = Leaves::Uniform { depth: 10 };
     let mut uniform = default.clone();
     uniform.leaves = lod.leaves;
+    let mut georeferenced = with_floaters(plain(200, 1)).0;
+    georeferenced.antialiased = true;
+    georeferenced.origin = [448_200.25, 5_411_900.5, -46.125];
     let streams = [
         ("empty", coded(&plain(0, 3), &default)),
         ("one", coded(&plain(1, 2), &default)),
@@ -45,6 +48,7 @@ pub(crate) fn streams() -> Vec<(String, Vec<u8>)> {
         ("lod", coded(&plain(12_000, 0), &lod)),
         ("lossless", exact(&plain(300, 2), false)),
         ("lossless-ordered", exact(&plain(100, 1), true)),
+        ("antialiased", coded(&georeferenced, &default)),
     ];
     streams.map(|(name, bytes)| (format!("{name}.gsvx"), bytes)).into()
 }

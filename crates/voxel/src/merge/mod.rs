@@ -92,7 +92,9 @@ impl<'a> Merging<'a> {
     #[must_use]
     pub fn up_to(&self, degree: u8) -> Scene {
         let sh_degree = degree.min(self.scene.sh_degree);
-        let mut out = Scene::zeros(self.voxelization.len(), sh_degree);
+        let &Scene { antialiased, origin, .. } = self.scene;
+        let zeros = Scene::zeros(self.voxelization.len(), sh_degree);
+        let mut out = Scene { antialiased, origin, ..zeros };
         let sh_len = out.sh_len();
         out.means.par_chunks_mut(BATCH).enumerate().for_each(|(batch, means)| {
             for (i, mean) in means.iter_mut().enumerate() {

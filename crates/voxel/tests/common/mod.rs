@@ -22,6 +22,7 @@ pub(crate) fn at(means: &[[f32; 3]], log_scale: f32) -> Scene {
         opacity_logits: vec![0.0; len],
         sh_degree: 0,
         sh: vec![[0.5; 3]; len],
+        ..Scene::default()
     }
 }
 
