@@ -34,6 +34,14 @@ pub enum Error {
         /// What it should be, and what it is.
         reason: String,
     },
+    /// The file is whole and is something else than a model.
+    #[error("{}: is no model: it is {what}", file.display())]
+    NoModel {
+        /// The file.
+        file: PathBuf,
+        /// What it is, and what to do about it.
+        what: String,
+    },
     /// The file ends before what it promises.
     #[error("{}: truncated at byte {len}: {missing}", file.display())]
     Truncated {

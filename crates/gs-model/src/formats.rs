@@ -45,12 +45,15 @@ impl Format {
         ALL.iter().copied().filter(|f| length(f).is_some()).max_by_key(|f| length(f))
     }
 
-    /// The format of a file of that name that starts with these bytes. The bytes decide where the format has a
-    /// [`Format::magic`].
+    /// The format of a file of that name that starts with these bytes. The bytes decide; the name does where no format
+    /// has them as its [`Format::magic`].
     #[must_use]
     pub fn of(path: impl AsRef<Path>, bytes: &[u8]) -> Option<&'static Self> {
-        let named = Self::of_name(path);
-        let marked = || ALL.iter().copied().find(|f| f.magic.iter().any(|m| bytes.starts_with(m)));
-        named.filter(|f| f.magic.is_empty()).or_else(marked).or(named)
+        #[cfg(feature = "formats")]
+        if crate::ksplat::is(bytes) {
+            return Some(&crate::ksplat::FORMAT);
+        }
+        let marked = ALL.iter().copied().find(|f| f.magic.iter().any(|m| bytes.starts_with(m)));
+        marked.or_else(|| Self::of_name(path))
     }
 }

@@ -62,6 +62,8 @@ pub mod dataset;
 #[cfg(feature = "files")]
 pub mod error;
 #[cfg(feature = "files")]
+mod foreign;
+#[cfg(feature = "files")]
 mod format;
 #[cfg(feature = "files")]
 mod formats;

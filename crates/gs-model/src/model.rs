@@ -7,10 +7,7 @@ use crate::error::{Error, Result};
 use crate::format::Format;
 use crate::report::{ReadOptions, Report};
 use crate::scene::Scene;
-use crate::{fs, ply};
-
-/// Bytes that tell a format.
-const START: u64 = 16;
+use crate::{foreign, fs, ply};
 
 /// Reads a model of the format that its first bytes or its name say ([`Format::of`]).
 ///
@@ -18,9 +15,12 @@ const START: u64 = 16;
 /// What [`Error`] says of files.
 pub fn read(path: impl AsRef<Path>, options: &ReadOptions) -> Result<(Scene, Report)> {
     let path = path.as_ref();
-    let start = start(path)?;
-    if start.is_some_and(|start| Format::of(path, &start) == Some(&ply::FORMAT)) {
-        return ply::read_with(path, options);
+    if let Some(start) = start(path)? {
+        // Before a large file is in memory.
+        foreign::refuse(path, &start).map_or(Ok(()), Err)?;
+        if Format::of(path, &start) == Some(&ply::FORMAT) {
+            return ply::read_with(path, options);
+        }
     }
     read_named(path, &fs::read(path)?, options)
 }
@@ -34,7 +34,7 @@ fn start(path: &Path) -> Result<Option<Vec<u8>>> {
         return Ok(None);
     }
     let mut start = Vec::new();
-    file.take(START).read_to_end(&mut start).map_err(io)?;
+    file.take(foreign::START as u64).read_to_end(&mut start).map_err(io)?;
     Ok(Some(start))
 }
 
@@ -49,7 +49,13 @@ pub fn read_named(
     options: &ReadOptions,
 ) -> Result<(Scene, Report)> {
     let name = name.as_ref();
-    match Format::of(name, bytes) {
+    foreign::refuse(name, &bytes[..bytes.len().min(foreign::START)]).map_or(Ok(()), Err)?;
+    let format = Format::of(name, bytes);
+    #[cfg(feature = "formats")]
+    if format.is_none_or(|f| !f.magic.is_empty()) {
+        foreign::json(name, bytes).map_or(Ok(()), Err)?;
+    }
+    match format {
         Some(format) => format.read(name, bytes, options),
         None => Err(Error::other_format(name, "a model of a known format", bytes)),
     }

@@ -14,6 +14,7 @@ use rayon::prelude::*;
 
 use crate::bytes::float;
 use crate::error::{Error, Result};
+use crate::foreign;
 use crate::format::Format;
 use crate::math::unit;
 use crate::report::Report;
@@ -47,7 +48,15 @@ pub(crate) fn opacity_byte(logit: f32) -> u8 {
     libm::roundf(255.0 / (1.0 + libm::expf(-logit))) as u8
 }
 
+/// The header of the first files of GaussianSplats3D, which are called `.splat` too. Most of it is zero.
+const OLD_HEADER: usize = 1024;
+
 fn read(file: &Path, bytes: &[u8]) -> Result<(Scene, Report)> {
+    if bytes.get(2 * ROW..OLD_HEADER).is_some_and(|rows| rows.iter().all(|&b| b == 0)) {
+        let what = "an early file of GaussianSplats3D rather than a .splat of antimatter15; make it anew from the \
+                    model's PLY";
+        return Err(foreign::is(file, what));
+    }
     if !bytes.len().is_multiple_of(ROW) {
         let missing = format!("the rows of a .splat are {ROW} bytes each, the last is not whole");
         return Err(Error::truncated(file, bytes.len(), missing));

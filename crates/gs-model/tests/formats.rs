@@ -33,7 +33,7 @@ fn the_table_names_every_format_once() {
     assert_eq!(Format::of_name("a.gsvx"), None);
     // The bytes decide where they can.
     assert_eq!(Format::of("a.spz", b"ply\n").unwrap().name, "ply");
-    assert_eq!(Format::of("a.splat", b"ply\n").unwrap().name, "splat");
+    assert_eq!(Format::of("a.splat", b"ply\n").unwrap().name, "ply");
     assert_eq!(Format::of("a", b"hello"), None);
     says(read("a", b"hello"), "a: not a model of a known format: it starts with \"hello\"");
     says(read("a", b""), "a: is empty");
@@ -355,7 +355,7 @@ fn broken_spz_files_are_named() {
         says(read("a.spz", &gzip(&spz_header(version, 0, 0))), &said);
     }
     says(read("a.spz", &gzip(&spz_header(3, 0, 4))), "an SH degree above 3");
-    says(read("a.spz", &gzip(b"not what it should be")), "not an SPZ file");
+    says(read("a.spz", &gzip(b"not what it should be")), "no SPZ");
     let good = spz4();
     let changed = |at: usize, bytes: &[u8]| {
         let mut file = good.clone();

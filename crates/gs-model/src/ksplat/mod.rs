@@ -34,6 +34,13 @@ const HEADER: usize = 4096;
 /// What the SH bounds of level 2 are where the header says 0.
 const DEFAULT_SH_BOUND: f32 = 1.5;
 
+/// True for the first bytes of a file with the header of a `.ksplat`, whatever its name: early versions of
+/// GaussianSplats3D called such files `.splat`. Most of the header is zero.
+pub(crate) fn is(bytes: &[u8]) -> bool {
+    let Some(header) = bytes.get(..HEADER) else { return false };
+    header.starts_with(&[0, 1, 0, 0]) && header[64..].iter().all(|&b| b == 0)
+}
+
 fn read(file: &Path, bytes: &[u8]) -> Result<(Scene, Report)> {
     let header = KsplatHeader::parse(file, bytes)?;
     let sections = sections(file, bytes, &header)?;

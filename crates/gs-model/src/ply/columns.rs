@@ -7,6 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use super::header::{PlyElement, Scalar};
 use super::variants::Variants;
 use crate::error::{Error, Result};
+use crate::foreign;
 use crate::rows::{SH, row_len};
 use crate::scene::sh_len;
 
@@ -104,6 +105,11 @@ impl Columns {
             .filter(|n| !is_normal(n) && !index.contains_key(variants.stand_in(n)))
             .collect();
         if !absent.is_empty() {
+            if !["opacity", "scale_0", "rot_0"].iter().any(|n| index.contains_key(n))
+                && index.contains_key("x")
+            {
+                return Err(foreign::is(file, PLAIN_POINTS));
+            }
             return Err(missing(absent));
         }
         let Some(sh_degree) = (0..4u8).find(|&d| REST_COUNTS[usize::from(d)] == rest) else {
@@ -162,6 +168,9 @@ impl Columns {
         found.map(|lost| lost.what.clone())
     }
 }
+
+const PLAIN_POINTS: &str = "a plain point cloud, such as training starts from: its points have no opacity, scales and \
+                            rotation; the trained model is point_cloud/iteration_N/point_cloud.ply or alike";
 
 /// Where the columns are.
 const PLACE: &str = "element \"vertex\"";

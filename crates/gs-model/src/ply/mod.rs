@@ -29,6 +29,7 @@ use columns::Columns;
 use header::{Encoding, PlyHeader};
 
 use crate::error::{Error, Result};
+use crate::foreign;
 use crate::format::Format;
 use crate::fs;
 use crate::report::{ReadOptions, Report};
@@ -94,7 +95,15 @@ fn read_file(file: &Path, bytes: &[u8]) -> Result<(Scene, Report)> {
         ));
     }
     let (before, after) = (&header.elements[..vertex_at], &header.elements[vertex_at + 1..]);
-    let columns = Columns::of(file, vertex)?;
+    let columns = Columns::of(file, vertex).map_err(|error| {
+        let faces = header.elements.iter().find(|e| e.name == "face" && e.count > 0);
+        faces.map_or(error, |faces| {
+            foreign::is(
+                file,
+                &format!("a mesh of {} faces; gsvx reads models of Gaussians", faces.count),
+            )
+        })
+    })?;
     let (scene, trailing_bytes) = match header.encoding {
         Encoding::Ascii => {
             let mut lines = ascii::Lines::new(file, bytes, &header);

@@ -7,13 +7,17 @@ use zip::ZipArchive;
 
 use super::malformed;
 use crate::error::Result;
-use crate::fs;
+use crate::{foreign, fs};
 
 /// Largest ratio of a member's length to the archive's. WebP images hardly compress.
 const MAX_RATIO: u64 = 64;
 
+/// The name of the file that names the others.
+const META: &str = "meta.json";
+
 pub(super) enum Members<'a> {
-    Archive(Box<ZipArchive<Cursor<&'a [u8]>>>, u64),
+    /// With the folder that holds the files, and the most bytes of a member.
+    Archive(Box<ZipArchive<Cursor<&'a [u8]>>>, String, u64),
     Folder(&'a Path),
 }
 
@@ -21,7 +25,15 @@ impl<'a> Members<'a> {
     pub(super) fn archive(file: &Path, bytes: &'a [u8]) -> Result<Self> {
         let broken = |_| malformed(file, "the zip archive", "broken or cut short; get it again");
         let archive = ZipArchive::new(Cursor::new(bytes)).map_err(broken)?;
-        Ok(Self::Archive(Box::new(archive), MAX_RATIO * bytes.len() as u64))
+        // Some tools zip the folder rather than the files in it.
+        let names: Vec<_> = archive.file_names().filter_map(|name| name.ok()).collect();
+        let holds_meta = |front: &&str| front.is_empty() || front.ends_with('/');
+        let folders = names.iter().filter_map(|n| n.strip_suffix(META)).filter(holds_meta);
+        let Some(folder) = folders.min_by_key(|front| front.len()).map(str::to_owned) else {
+            return Err(foreign::zip(file, &names));
+        };
+        drop(names);
+        Ok(Self::Archive(Box::new(archive), folder, MAX_RATIO * bytes.len() as u64))
     }
 
     /// The bytes of a member. `file` is what was opened, for messages.
@@ -33,11 +45,12 @@ impl<'a> Members<'a> {
         }
         match self {
             Self::Folder(folder) => fs::read(&folder.join(name)),
-            Self::Archive(archive, most) => {
-                let mut member = archive.by_name(name).map_err(|e| match e {
-                    zip::result::ZipError::FileNotFound => bad("it is not in the archive"),
-                    _ => bad("it cannot be unpacked"),
-                })?;
+            Self::Archive(archive, folder, most) => {
+                let mut member =
+                    archive.by_name(&format!("{folder}{name}")).map_err(|e| match e {
+                        zip::result::ZipError::FileNotFound => bad("it is not in the archive"),
+                        _ => bad("it cannot be unpacked"),
+                    })?;
                 if member.size() > *most {
                     return Err(bad("it is far larger than the archive"));
                 }

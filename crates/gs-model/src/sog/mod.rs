@@ -31,7 +31,7 @@ pub(crate) static FORMAT: Format = Format {
     name: "sog",
     about: "SOG of PlayCanvas, versions 1 and 2: an archive, or its meta.json with the images beside it",
     extensions: &["sog", "json"],
-    magic: &[b"PK"],
+    magic: &[b"PK\x03\x04"],
     max_sh_degree: 3,
     read: |file, bytes, _| read(file, bytes),
     write: None,

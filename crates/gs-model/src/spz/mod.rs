@@ -27,6 +27,7 @@ pub use write::{MAX_COORDINATE, ShBits, pack, pack_version_3};
 use crate::axes::ABOUT_X;
 use crate::bytes::word;
 use crate::error::{Error, Result};
+use crate::foreign;
 use crate::format::Format;
 use crate::report::Report;
 use crate::scene::Scene;
@@ -35,7 +36,7 @@ pub(crate) static FORMAT: Format = Format {
     name: "spz",
     about: "SPZ of Niantic: versions 2 to 4 are read, 4 is written",
     extensions: &["spz"],
-    magic: &[b"\x1f\x8b", MAGIC],
+    magic: &[b"\x1f\x8b\x08", MAGIC],
     max_sh_degree: 3,
     read: |file, bytes, _| read(file, bytes),
     write: Some(write::write),
@@ -86,7 +87,7 @@ fn zipped(file: &Path, bytes: &[u8]) -> Result<(Scene, u32)> {
     };
     inflate(&mut data, HEADER as u64)?;
     if data.len() < HEADER || !data.starts_with(MAGIC) {
-        return Err(Error::other_format(file, "an SPZ file but another gzip file", &data));
+        return Err(foreign::gzip(file, &data));
     }
     let (version, promised) = (word(&data, 4), word(&data, 8));
     if !matches!(version, 2 | 3) {

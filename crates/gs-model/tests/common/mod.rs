@@ -42,6 +42,7 @@ pub(crate) fn is_broken(error: &Error) -> bool {
         Error::Truncated { .. }
             | Error::Malformed { .. }
             | Error::OtherFormat { .. }
+            | Error::NoModel { .. }
             | Error::Json { .. }
             | Error::InvalidGaussian { .. }
     );
