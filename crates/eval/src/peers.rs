@@ -4,7 +4,7 @@ pub(crate) mod lgsc;
 
 use anyhow::Result;
 use gs_model::spz::{self, ShBits};
-use gs_model::{CLAMPED_OPACITY_LOGIT, Format, Invalid, ReadOptions, Scene, model};
+use gs_model::{Format, Invalid, ReadOptions, Scene, model};
 
 use crate::cache::Cache;
 use crate::measure;
@@ -63,12 +63,7 @@ fn point(
     write: impl FnOnce(&Scene) -> Result<Vec<u8>>,
 ) -> Result<OtherPoint> {
     let read = |bytes: &[u8]| -> Result<Scene> {
-        // Opacities of 0 and 1 come as infinite logits: such Gaussians are transparent or opaque, not broken.
-        let options = ReadOptions {
-            invalid: Invalid::Drop,
-            clamp_infinite_opacity: Some(CLAMPED_OPACITY_LOGIT),
-            ..Default::default()
-        };
+        let options = ReadOptions { invalid: Invalid::Drop, ..Default::default() };
         Ok(model::read_named(file, bytes, &options)?.0)
     };
     measured(cache, scene, file, label, || {

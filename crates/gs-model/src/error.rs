@@ -192,3 +192,16 @@ pub(crate) fn excerpt(bytes: &[u8]) -> String {
     let text = String::from_utf8_lossy(&bytes[..bytes.len().min(640)]);
     text.chars().map(|c| if c.is_control() { ' ' } else { c }).take(160).collect()
 }
+
+/// Names separated by commas, the first few of many; `None` if there is none.
+pub(crate) fn list(names: impl Iterator<Item = String>) -> Option<String> {
+    const MOST: usize = 12;
+    let names: Vec<String> = names.map(|name| excerpt(name.as_bytes())).collect();
+    let more = names.len().saturating_sub(MOST);
+    let shown = names[..names.len() - more].join(", ");
+    match (names.len(), more) {
+        (0, _) => None,
+        (_, 0) => Some(shown),
+        _ => Some(format!("{shown} and {more} more")),
+    }
+}

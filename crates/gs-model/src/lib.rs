@@ -79,6 +79,8 @@ mod ksplat;
 pub mod layout;
 #[cfg(feature = "cameras")]
 pub mod lens;
+#[cfg(feature = "files")]
+mod limits;
 pub mod math;
 #[cfg(feature = "files")]
 pub mod model;
@@ -118,11 +120,13 @@ pub use error::{Error, Result};
 #[cfg(feature = "files")]
 pub use format::Format;
 #[cfg(feature = "files")]
+pub use limits::{CLAMPED_OPACITY_LOGIT, Limits};
+#[cfg(feature = "files")]
 pub use order::morton_order;
 #[cfg(feature = "cameras")]
 pub use photos::photos_beside;
 #[cfg(feature = "files")]
-pub use report::{CLAMPED_OPACITY_LOGIT, Invalid, ReadOptions, Report};
+pub use report::{FileAxes, Invalid, ReadOptions, Report};
 pub use scene::{LEAST_DRAWN_LOGIT, SH_C0, Scene, sh_len};
 
 // The README's example is a test too.

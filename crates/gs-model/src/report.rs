@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use crate::codec::Codec;
-use crate::error::Result;
+use crate::error::{Error, Result};
+use crate::limits::Limits;
 use crate::scene::Scene;
 
 /// What to do with Gaussians that are invalid (see [`crate::validate::InvalidGaussians`]).
@@ -16,30 +17,34 @@ pub enum Invalid {
     Drop,
 }
 
-/// The opacity logit that [`ReadOptions::clamp_infinite_opacity`] is meant for.
-///
-/// The sigmoid of -10 is 4.5e-5, far below the 1/255 under which a Gaussian is not drawn, and
-/// that of +10 is as near to 1, above the 0.99 at which renderers cap alpha.
-pub const CLAMPED_OPACITY_LOGIT: f32 = 10.0;
+/// What is done about the axes of a format whose files do not agree on them: SPZ.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum FileAxes {
+    /// The model is turned from the axes that the file declares, or else from those of the specification.
+    #[default]
+    Turn,
+    /// The numbers stay as they are, as Niantic's own command-line tools leave them.
+    Keep,
+}
 
 /// How to read a model. The default is strict: any invalid Gaussian is an error.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ReadOptions {
     /// What to do with invalid Gaussians.
     pub invalid: Invalid,
-    /// Replace opacity logits of -inf and +inf by minus and plus this number (say
-    /// [`CLAMPED_OPACITY_LOGIT`]) before looking for invalid Gaussians.
-    ///
-    /// Tools that convert 8-bit opacities (SPZ, compressed.ply) write 0 and 255 as infinite
-    /// logits; these Gaussians are fully transparent or opaque rather than broken.
-    pub clamp_infinite_opacity: Option<f32>,
+    /// What to do about the axes of SPZ files.
+    pub axes: FileAxes,
     /// Decodes primitives of glTF that are compressed. Without it they are an error.
     pub codec: Option<&'static Codec>,
     /// Accept so many Gaussians that are compressed, even if [`Codec::most`] is less.
     pub max_gaussians: Option<u64>,
 }
 
-/// What a model file held. What only PLY files have is empty for other formats.
+/// The note about a file of SH degree 4.
+pub(crate) const DEGREE_4: &str =
+    "SH coefficients of degree 4 are not kept; degrees 0 to 3 are read";
+
+/// What a model file held.
 #[derive(Clone, Debug, Default)]
 #[non_exhaustive]
 pub struct Report {
@@ -53,20 +58,9 @@ pub struct Report {
     pub gaussians_in_file: usize,
     /// Invalid Gaussians that were left out.
     pub dropped: usize,
-    /// Infinite opacity logits that were replaced.
-    pub clamped_opacities: usize,
-    /// How a model that is not in the Inria layout was read, in words: see [`crate::ply`].
-    pub notes: Vec<&'static str>,
-    /// Properties of a PLY's `vertex` that are not part of the Inria layout, in file order; ignored.
-    pub unknown_properties: Vec<String>,
-    /// What a PLY holds that a scene does not keep: properties that are not zero everywhere, other elements,
-    /// numbers that no float holds.
-    pub lost: Vec<String>,
-    /// `comment` and `obj_info` lines of a PLY.
-    pub comments: Vec<String>,
-    /// Bytes after the last row that a PLY's header declares; ignored. (In ASCII files, white space
-    /// at the end does not count.)
-    pub trailing_bytes: usize,
+    /// What the file holds that the scene does not have, and what was read as something else: a sentence each,
+    /// without the name of the file.
+    pub notes: Vec<String>,
 }
 
 impl Report {
@@ -76,19 +70,55 @@ impl Report {
     }
 }
 
-impl ReadOptions {
-    /// Does to a scene just read what the options ask for, and reports it. `file` is for the message.
-    pub(crate) fn apply(&self, file: &Path, scene: &mut Scene, report: &mut Report) -> Result<()> {
-        report.gaussians_in_file = scene.len();
-        if let Some(limit) = self.clamp_infinite_opacity {
-            for logit in scene.opacity_logits.iter_mut().filter(|l| l.is_infinite()) {
-                *logit = limit.copysign(*logit);
-                report.clamped_opacities += 1;
-            }
+/// What became of the Gaussians of a file after they were read.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Cleaned {
+    read: usize,
+    dropped: usize,
+    limits: Limits,
+}
+
+impl Cleaned {
+    /// Adds it to the report.
+    pub(crate) fn report(self, report: &mut Report) {
+        (report.gaussians_in_file, report.dropped) = (self.read, self.dropped);
+        report.notes.extend(self.limits.sentences());
+        if self.dropped > 0 {
+            let (n, all) = (self.dropped, self.read);
+            let what = if n == 1 { "Gaussian is" } else { "Gaussians are" };
+            report.notes.push(format!("{n} invalid {what} left out, of {all}"));
         }
+    }
+}
+
+impl ReadOptions {
+    /// Cleans a scene just read and reports it. `file` is for the message.
+    pub(crate) fn apply(&self, file: &Path, scene: &mut Scene, report: &mut Report) -> Result<()> {
+        let mut cleaned = Cleaned::default();
+        self.clean(file, scene, &mut cleaned)?;
+        cleaned.report(report);
+        Ok(())
+    }
+
+    /// Clamps the values at their limits and looks for invalid Gaussians. This is the one place that does, for all
+    /// formats. The index in an error is that of the file whose Gaussians `cleaned` counts.
+    pub(crate) fn clean(
+        &self,
+        file: &Path,
+        scene: &mut Scene,
+        cleaned: &mut Cleaned,
+    ) -> Result<()> {
+        let first = cleaned.read;
+        cleaned.read += scene.len();
+        cleaned.limits = cleaned.limits.plus(scene.clamp_limits());
         match self.invalid {
-            Invalid::Drop => report.dropped = scene.drop_invalid(),
-            Invalid::Error => scene.refuse_invalid(file)?,
+            Invalid::Drop => cleaned.dropped += scene.drop_invalid(),
+            Invalid::Error => scene.refuse_invalid(file).map_err(|error| match error {
+                Error::InvalidGaussian { file, index, field, value, count } => {
+                    Error::InvalidGaussian { file, index: first + index, field, value, count }
+                }
+                other => other,
+            })?,
         }
         Ok(())
     }

@@ -13,7 +13,8 @@ use crate::scene::{Field, Scene, sh_len};
 
 /// The invalid Gaussians of a scene.
 ///
-/// A Gaussian is invalid if any of its numbers is NaN or infinite, or if its quaternion has no
+/// A Gaussian is invalid if any of its numbers is NaN or infinite (readers give infinite opacities and scales of 0
+/// finite numbers first: [`Scene::clamp_limits`]), or if its quaternion has no
 /// direction: `w² + x² + y² + z²` in `f32`, summed in this order, is zero, subnormal or
 /// infinite, so that normalising it in `f32` cannot give a rotation.
 #[derive(Clone, Copy, Debug)]

@@ -6,7 +6,7 @@ use std::io::{Cursor, Write};
 
 use common::{assert_within, fixture, read, says, shared};
 use gs_model::spz::{self, ShBits};
-use gs_model::{Format, Invalid, ReadOptions, Scene, model, ply};
+use gs_model::{FileAxes, Format, Invalid, ReadOptions, Scene, model, ply};
 
 /// A scene as a file of a format, in memory.
 fn written(format: &str, scene: &Scene) -> Vec<u8> {
@@ -241,6 +241,73 @@ fn a_compressed_ply_comes_back_within_its_steps() {
     }
 }
 
+/// The element is declared and has no property.
+#[test]
+fn a_compressed_ply_of_degree_0_may_have_an_empty_element_sh() {
+    let scene = common::scene(3, 0);
+    let bytes = written("compressed-ply", &scene);
+    let (plain, _) = read("a.ply", &bytes).unwrap();
+    let end = bytes.windows(11).position(|w| w == b"end_header\n").unwrap();
+    let with_sh = [&bytes[..end], b"element sh 3\n", &bytes[end..]].concat();
+    let (scene, report) = read("a.ply", &with_sh).unwrap();
+    assert_eq!((scene, report.notes.len()), (plain, 0));
+    let wrong = [&bytes[..end], b"element sh 0\nproperty uchar f_rest_0\n", &bytes[end..]].concat();
+    says(read("a.ply", &wrong), "element \"sh\": 1 f_rest properties");
+}
+
+/// A SOG of version 2 with one Gaussian of degree 0 and this codebook of scales. Its scales have the bytes 0, 2, 4.
+fn sog_2(scales: &str) -> Vec<u8> {
+    let meta = format!(
+        r#"{{"version": 2, "count": 1, "asset": {{"generator": "a"}}, "origin": "null",
+        "means": {{"mins": [-1, 0, 0], "maxs": [1, 2, 4], "files": ["l", "u"]}},
+        "scales": {{"codebook": {scales}, "files": ["s"]}},
+        "quats": {{"files": ["q"]}},
+        "sh0": {{"codebook": [0, 1, 2], "files": ["c"]}}}}"#
+    );
+    let images: [(&str, [u8; 4]); 5] = [
+        ("l", [255; 4]),
+        ("u", [127, 0, 0, 255]),
+        ("s", [0, 2, 4, 255]),
+        ("q", [128, 128, 128, 252]),
+        ("c", [0, 1, 2, 51]),
+    ];
+    let mut zip = zip::ZipWriter::new(Cursor::new(Vec::new()));
+    let stored =
+        zip::write::SimpleFileOptions::default().compression_method(zip::CompressionMethod::Stored);
+    let images = images.map(|(name, pixel)| (name, webp(1, 1, &pixel)));
+    for (name, bytes) in [("meta.json", meta.into_bytes())].into_iter().chain(images) {
+        zip.start_file(name, stored).unwrap();
+        zip.write_all(&bytes).unwrap();
+    }
+    zip.finish().unwrap().into_inner()
+}
+
+#[test]
+fn missing_entries_of_a_codebook_are_read_from_their_neighbours() {
+    let scales =
+        |codebook| read("a.sog", &sog_2(codebook)).map(|(s, r)| (s.log_scales[0], r.notes));
+    let (plain, notes) = scales("[-9, -8, -7, -6, -5]").unwrap();
+    assert_eq!(plain, [-9.0, -7.0, -5.0]);
+    assert_eq!(notes, ["\"origin\" of meta.json is not used"]);
+    // The first as PlayCanvas has it: the second less a 4th of the range of the others.
+    for codebook in
+        ["[null, -8, -7, -6, -4]", "[NaN, -8, -7, -6, -4]", "[-Infinity, -8, -7, -6, -4]"]
+    {
+        let (first, notes) = scales(codebook).unwrap();
+        assert_eq!(first, [-9.0, -7.0, -4.0]);
+        assert!(
+            notes.join("; ").contains("1 entry of the codebook of scales missing"),
+            "{notes:?}"
+        );
+    }
+    let (others, _) = scales("[-9, -8, null, null, null]").unwrap();
+    assert_eq!(others, [-9.0, -7.75, -7.25]);
+    let (inner, _) = scales("[-9, null, null, -6, -5]").unwrap();
+    assert_eq!(inner, [-9.0, -7.0, -5.0]);
+    says(scales("[null, null, null]"), "meta.json: scales: its codebook has no number");
+    says(scales("[]"), "its codebook has no number");
+}
+
 fn gzip(data: &[u8]) -> Vec<u8> {
     let mut gz = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
     gz.write_all(data).unwrap();
@@ -341,6 +408,72 @@ fn spz_4_holds_what_spz_3_holds() {
     assert_eq!((new, &report.form[..]), (old, "SPZ, version 4"));
 }
 
+/// `file` of version 4, or of version 3 before compression, with this extension record instead of others.
+fn with_record(mut file: Vec<u8>, kind: u32, contents: &[u8]) -> Vec<u8> {
+    let record =
+        [&kind.to_le_bytes()[..], &(contents.len() as u32).to_le_bytes(), contents].concat();
+    file[14] |= 2;
+    if file[4] != 4 {
+        return [file, record].concat();
+    }
+    file[16] = 32 + record.len() as u8;
+    file.splice(32..41, record);
+    file
+}
+
+#[test]
+fn the_coordinate_system_that_an_spz_declares_is_honoured() {
+    const AXES: u32 = 0xadbe_0003;
+    let keep = ReadOptions { axes: FileAxes::Keep, ..ReadOptions::default() };
+    let (turned, _) = read("a.spz", &spz4()).unwrap();
+    let (kept, _) = model::read_named("a.spz", &spz4(), &keep).unwrap();
+    assert_eq!(kept.means[0], turned.means[0].map(|v| if v == 1.0 { v } else { -v }));
+    for system in [0u32, 4, 6, 12] {
+        let contents = system.to_le_bytes();
+        let expected: [f32; 3] = match system {
+            // Right, down, forward: as PLY files have it.
+            6 => kept.means[0],
+            // Right, forward, up.
+            12 => [kept.means[0][0], -kept.means[0][2], kept.means[0][1]],
+            _ => turned.means[0],
+        };
+        for bytes in
+            [with_record(spz4(), AXES, &contents), gzip(&with_record(spz_file(3), AXES, &contents))]
+        {
+            let (scene, report) = read("a.spz", &bytes).unwrap();
+            assert_eq!((scene.means[0], report.notes.len()), (expected, 0), "{system}");
+            let (scene, _) = model::read_named("a.spz", &bytes, &keep).unwrap();
+            assert_eq!(scene, kept);
+        }
+    }
+    let unknown = with_record(spz4(), AXES, &17u32.to_le_bytes());
+    says(read("a.spz", &unknown), "SPZ_ADOBE_coordinate_system is 17; 1 to 16 are known");
+    assert_eq!(model::read_named("a.spz", &unknown, &keep).unwrap().0, kept);
+    says(read("a.spz", &with_record(spz4(), AXES, &[6])), "not a number of 4 bytes");
+}
+
+#[test]
+fn what_an_spz_holds_and_the_model_does_not_is_said() {
+    let (_, report) = read("a.spz", &with_record(spz4(), 0xadbe_0002, &[0; 12])).unwrap();
+    let said =
+        "the extension record 0xadbe0002 (SPZ_ADOBE_safe_orbit_camera) of 12 bytes is not used";
+    assert_eq!(report.notes, [said]);
+    let mut flags = spz4();
+    flags[14] |= 0x40;
+    let (_, report) = read("a.spz", &flags).unwrap();
+    assert!(report.notes.iter().any(|note| note.contains("not known: 0x40")), "{report:?}");
+    // Of degree 4 the first 15 coefficients of each Gaussian are read.
+    let mut file = spz_header(3, 1, 4);
+    file.extend([0; 9 + 1 + 3 + 3 + 4]);
+    file.extend(128..200);
+    let (scene, report) = read("a.spz", &gzip(&file)).unwrap();
+    assert_eq!((scene.sh_degree, scene.sh_of(0)[15][2]), (3, 44.0 / 128.0));
+    assert!(report.notes[0].contains("degree 4"), "{report:?}");
+    let mut cut = with_record(spz4(), 7, &[1]);
+    cut[36] = 200;
+    says(read("a.spz", &cut), "extension records: they are not whole");
+}
+
 #[test]
 fn broken_spz_files_are_named() {
     let mut short = spz_file(3);
@@ -354,7 +487,7 @@ fn broken_spz_files_are_named() {
         let said = format!("SPZ version {version}: not read (2 to 4 are)");
         says(read("a.spz", &gzip(&spz_header(version, 0, 0))), &said);
     }
-    says(read("a.spz", &gzip(&spz_header(3, 0, 4))), "an SH degree above 3");
+    says(read("a.spz", &gzip(&spz_header(3, 0, 5))), "an SH degree above 4");
     says(read("a.spz", &gzip(b"not what it should be")), "no SPZ");
     let good = spz4();
     let changed = |at: usize, bytes: &[u8]| {
@@ -395,11 +528,14 @@ fn splat_is_decoded() {
     says(read("a.splat", &good[..31]), "truncated at byte 31: the rows of a .splat are 32 bytes");
     assert!(read("a.splat", b"").unwrap().0.is_empty());
 
-    // A scale of 0 and a quaternion of 0 are invalid, and dropped on request.
+    // A scale of 0 is that of a disc. A negative one and a quaternion of 0 are invalid, and dropped on request.
     let flat = splat_row([0.0; 3], [1.0, 0.0, 1.0], [9; 4], [255; 4]);
+    let thin = read("a.splat", &flat).unwrap().0.log_scales[0];
+    assert_eq!(thin, [0.0, -libm::logf(1000.0), 0.0]);
+    let negative = splat_row([0.0; 3], [1.0, -1.0, 1.0], [9; 4], [255; 4]);
     let unturned = splat_row([0.0; 3], [1.0; 3], [9; 4], [128; 4]);
-    let all = [flat, unturned, good].concat();
-    says(read("a.splat", &all), "Gaussian 0: log-scale is -inf (2 invalid Gaussians in all)");
+    let all = [negative, unturned, good].concat();
+    says(read("a.splat", &all), "Gaussian 0: log-scale is NaN (2 invalid Gaussians in all)");
     let drop = ReadOptions { invalid: Invalid::Drop, ..ReadOptions::default() };
     let (kept, report) = model::read_named("a.splat", &all, &drop).unwrap();
     assert_eq!((kept, report.dropped), (scene, 2));
@@ -534,9 +670,10 @@ fn a_ksplat_without_compression_is_read() {
     assert!((scene.opacity_logits[0] + 2.0 * ln2).abs() < 1e-6);
     assert_eq!(scene.sh_of(0)[1], [0.0, 3.0 / 8.0, 6.0 / 8.0]);
     assert_eq!(scene.sh_of(0)[3], [2.0 / 8.0, 5.0 / 8.0, 1.0]);
-    // A scale of 0 is invalid here, since a float holds any.
     row[12..16].fill(0);
-    says(read("a.ksplat", &ksplat(0, &row, &[])), "log-scale is -inf");
+    let (flat, report) = read("a.ksplat", &ksplat(0, &row, &[])).unwrap();
+    assert_eq!(flat.log_scales[0][0], -ln2 - libm::logf(1000.0));
+    assert!(report.notes[0].contains("a scale of 0"), "{report:?}");
 }
 
 #[test]

@@ -62,17 +62,20 @@ fn every_form_reads_as_the_same_bits() {
                     ply::read_bytes(&bytes).unwrap_or_else(|e| panic!("{name}: {e}"));
                 assert_eq!(bits(&back), bits(&scene), "{name}");
                 assert_eq!((back.sh_degree, report.gaussians_in_file), (degree, 7), "{name}");
-                assert_eq!((report.format, report.trailing_bytes), ("ply", 0), "{name}");
+                assert_eq!(report.format, "ply", "{name}");
                 let unknown: Vec<&str> = file
                     .properties
                     .iter()
                     .filter_map(|p| p.name.starts_with("extra").then_some(p.name.as_str()))
                     .collect();
-                assert_eq!(report.unknown_properties, unknown, "{name}");
-                let others = usize::from(file.faces_before > 0) + usize::from(file.faces_after > 0);
-                let skipped = report.lost.iter().filter(|l| l.starts_with("element ")).count();
-                assert_eq!(skipped, others, "{name}");
-                assert_eq!(report.comments, ["made by a test"], "{name}");
+                let said = report.notes.join("; ");
+                assert!(unknown.iter().all(|p| said.contains(p)), "{name}: {said}");
+                for (faces, element) in [(file.faces_before, "before"), (file.faces_after, "after")]
+                {
+                    let told = said.contains(&format!("{element} ({faces} rows)"));
+                    assert_eq!(told, faces > 0, "{name}: {said}");
+                }
+                assert!(!said.contains("made by a test"), "{name}: {said}");
             }
         }
     }
@@ -155,7 +158,8 @@ fn bytes_after_the_end_are_reported() {
         let (back, report) = ply::read_bytes(&bytes).unwrap();
         assert_eq!(back.len(), 2);
         let expected = if format == ASCII { 4 } else { 6 };
-        assert_eq!(report.trailing_bytes, expected, "{format}");
+        let said = format!("{expected} bytes after the last row are not read");
+        assert_eq!(report.notes, [said], "{format}");
     }
 }
 
@@ -190,39 +194,39 @@ fn large_files_are_read_as_small_ones_are() {
     std::fs::write(&path, &bytes).unwrap();
     let (model, report) = gs_model::model::read(&path, &Default::default()).unwrap();
     assert!(model == scene && ply::read_bytes(&bytes).unwrap().0 == scene);
-    assert_eq!(
-        (report.trailing_bytes, &report.lost[..]),
-        (3, &["nx", "ny", "nz"].map(String::from)[..])
-    );
+    let said = report.notes.join("; ");
+    assert!(said.contains("not kept: nx, ny, nz; 3 bytes after the last row"), "{said}");
     // Cut short, the error is that of the reader of whole files.
     std::fs::write(&path, &bytes[..bytes.len() - 100]).unwrap();
     says(ply::read(&path), "row 29999 is not whole");
 }
 
-/// Columns were lost without a word.
 #[test]
 fn what_a_scene_does_not_keep_is_reported() {
     for encoding in ENCODINGS {
-        for (normal, lost) in [(0.0, &[][..]), (-0.0, &[]), (0.5, &["nx", "ny", "nz"])] {
+        const PROPERTIES: &str = "properties that are not part of a 3DGS model are not kept: ";
+        for (normal, lost) in [(0.0, ""), (-0.0, ""), (0.5, "nx, ny, nz")] {
             let mut file = File::inria(encoding, 1);
             file.normal = normal;
             let (_, report) = ply::read_bytes(&file.bytes(&scene(7, 1)).0).unwrap();
-            assert_eq!(report.lost, lost, "{encoding}, {normal}");
+            let said = if lost.is_empty() { vec![] } else { vec![format!("{PROPERTIES}{lost}")] };
+            assert_eq!(report.notes, said, "{encoding}, {normal}");
         }
         let mut file = File::inria(encoding, 0);
         file.properties.push(Property { name: "id".into(), kind: "uchar", list: false });
         file.faces_after = 2;
         let (_, report) = ply::read_bytes(&file.bytes(&scene(3, 0)).0).unwrap();
-        assert_eq!(report.lost, ["element after (2 rows)", "id"], "{encoding}");
-        assert_eq!(report.unknown_properties, ["id"]);
+        let elements = "other elements than those of the model are not kept: after (2 rows)";
+        assert_eq!(report.notes, [&format!("{PROPERTIES}id"), elements], "{encoding}");
     }
     // Numbers that no float holds.
     let mut file = File::inria(LITTLE, 0);
     file.properties[0].kind = "double";
     let (mut bytes, header) = file.bytes(&scene(2, 0));
-    assert!(ply::read_bytes(&bytes).unwrap().1.lost.is_empty());
+    assert!(ply::read_bytes(&bytes).unwrap().1.notes.is_empty());
     bytes[header..header + 8].copy_from_slice(&0.1f64.to_le_bytes());
-    assert_eq!(ply::read_bytes(&bytes).unwrap().1.lost, ["x beyond float precision"]);
+    let (_, report) = ply::read_bytes(&bytes).unwrap();
+    assert_eq!(report.notes, ["numbers that no float holds are rounded: x"]);
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{ENCODINGS, File, bits, scene};
+use common::{ENCODINGS, File, bits, says, scene};
 use gs_model::scene::Field;
 use gs_model::{CLAMPED_OPACITY_LOGIT, Error, Invalid, ReadOptions, Scene, model, ply};
 use proptest::collection::vec;
@@ -19,6 +19,11 @@ fn finite() -> impl Strategy<Value = f32> {
 
 fn triple() -> impl Strategy<Value = [f32; 3]> {
     prop::array::uniform3(finite())
+}
+
+/// Log-scales. What is lower than any logarithm stands for a scale of 0, which is not kept.
+fn log_scales() -> impl Strategy<Value = [f32; 3]> {
+    triple().prop_map(|scales| scales.map(|s| if s < -1e6 { -s } else { s }))
 }
 
 /// Any quaternion whose norm is far from both ends, with any small components.
@@ -42,7 +47,7 @@ fn any_scene() -> impl Strategy<Value = Scene> {
         (
             vec(triple(), n),
             vec(quaternion(), n),
-            vec(triple(), n),
+            vec(log_scales(), n),
             vec(finite(), n),
             vec(triple(), n * k),
         )
@@ -109,7 +114,17 @@ fn every_bad_number_is_found_wherever_it_is() {
     let good = scene(5, 1);
     let per_gaussian = numbers(&mut good.clone(), 0).len();
     for number in 0..per_gaussian {
+        let field = numbers(&mut good.clone(), 0)[number].0;
         for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+            // Opacities of 0 and 1, and a scale of 0, are valid.
+            let valid = match field {
+                Field::OpacityLogit => bad.is_infinite(),
+                Field::LogScale => bad == f32::NEG_INFINITY,
+                _ => false,
+            };
+            if valid {
+                continue;
+            }
             let mut scene = good.clone();
             let field = {
                 let mut all = numbers(&mut scene, 3);
@@ -171,26 +186,80 @@ fn invalid_gaussians_are_counted_once() {
 }
 
 #[test]
-fn infinite_opacities_are_clamped_on_request() {
+fn infinite_opacities_are_read_as_the_largest_and_the_smallest() {
     let mut scene = scene(4, 0);
     scene.opacity_logits[1] = f32::INFINITY;
     scene.opacity_logits[2] = f32::NEG_INFINITY;
-    let mut bytes = Vec::new();
-    ply::write_to(&mut bytes, &scene).unwrap();
-    assert!(ply::read_bytes(&bytes).is_err());
-    let clamp = ReadOptions {
-        clamp_infinite_opacity: Some(CLAMPED_OPACITY_LOGIT),
-        ..ReadOptions::default()
-    };
-    let (back, report) = model::read_named("a.ply", &bytes, &clamp).unwrap();
-    assert_eq!(report.clamped_opacities, 2);
-    assert_eq!(back.opacity_logits[1..3], [CLAMPED_OPACITY_LOGIT, -CLAMPED_OPACITY_LOGIT]);
+    scene.opacity_logits[3] = 1e38;
+    let (back, report) = ply::read_bytes(&file(&scene)).unwrap();
+    let clamped = [CLAMPED_OPACITY_LOGIT, -CLAMPED_OPACITY_LOGIT, 1e38];
+    assert_eq!(back.opacity_logits[1..], clamped);
     assert_eq!(back.opacity_logits[0], scene.opacity_logits[0]);
+    let said = [
+        "1 opacity is infinite; read as the largest",
+        "1 opacity is minus infinity; read as the smallest",
+    ];
+    assert_eq!(report.notes, said);
+    // Whoever leaves out invalid Gaussians keeps these.
+    let drop = ReadOptions { invalid: Invalid::Drop, ..ReadOptions::default() };
+    let (kept, report) = model::read_named("a.ply", &file(&scene), &drop).unwrap();
+    assert_eq!((kept, report.dropped), (back, 0));
     // No tool writes NaN for an opacity on purpose.
     scene.opacity_logits[1] = f32::NAN;
+    assert!(ply::read_bytes(&file(&scene)).is_err());
+}
+
+#[test]
+fn a_scale_of_0_is_read_as_a_thin_disc() {
+    let mut scene = scene(4, 0);
+    let zero = f32::NEG_INFINITY;
+    scene.log_scales =
+        vec![[-1.0, -2.0, zero], [zero, -3.0, -1e38], [zero; 3], [-1.0, -2.0, -90.0]];
+    let (back, report) = ply::read_bytes(&file(&scene)).unwrap();
+    let thin = |least: f32| least - libm::logf(1000.0);
+    let expected = [[-1.0, -2.0, thin(-2.0)], [thin(-3.0), -3.0, thin(-3.0)]];
+    assert_eq!(back.log_scales[..2], expected);
+    assert!(back.log_scales[2].iter().all(|&s| libm::expf(s) >= 1e-38));
+    assert_eq!(back.log_scales[3], scene.log_scales[3]);
+    assert!(report.notes[0].starts_with("3 Gaussians have a scale of 0"), "{:?}", report.notes);
+    // An infinite scale means nothing.
+    scene.log_scales[3][0] = f32::INFINITY;
+    says(ply::read_bytes(&file(&scene)), "Gaussian 3: log-scale is inf (1 invalid");
+}
+
+/// A scene as a PLY file.
+fn file(scene: &Scene) -> Vec<u8> {
     let mut bytes = Vec::new();
-    ply::write_to(&mut bytes, &scene).unwrap();
-    assert!(model::read_named("a.ply", &bytes, &clamp).is_err());
+    ply::write_to(&mut bytes, scene).unwrap();
+    bytes
+}
+
+#[test]
+fn of_sh_degree_4_the_lower_degrees_are_read() {
+    // f_rest is channel-major: 24 of red, then of green, then of blue.
+    let names = ["x", "y", "z", "opacity", "scale_0", "scale_1", "scale_2"];
+    let names = names.into_iter().map(String::from).chain((0..4).map(|k| format!("rot_{k}")));
+    let names: Vec<String> = names
+        .chain((0..3).map(|k| format!("f_dc_{k}")))
+        .chain((0..72).map(|k| format!("f_rest_{k}")))
+        .collect();
+    let text = |row: &dyn Fn(&str) -> f32| {
+        let mut text = "ply\nformat ascii 1.0\nelement vertex 1\n".to_owned();
+        names.iter().for_each(|name| text += &format!("property float {name}\n"));
+        text += "end_header\n";
+        names.iter().for_each(|name| text += &format!("{} ", row(name)));
+        text
+    };
+    let number = |name: &str| name.strip_prefix("f_rest_").map_or(0.5, |k| k.parse().unwrap());
+    let (scene, report) = ply::read_bytes(text(&number).as_bytes()).unwrap();
+    assert_eq!(scene.sh_degree, 3);
+    for k in 1..16 {
+        assert_eq!(scene.sh_of(0)[k], [0.0, 24.0, 48.0].map(|first| first + (k - 1) as f32));
+    }
+    assert_eq!(report.notes, ["SH coefficients of degree 4 are not kept; degrees 0 to 3 are read"]);
+    // Coefficients that are all zero are no loss.
+    let zero = |name: &str| if name.starts_with("f_rest") { 0.0 } else { 0.5 };
+    assert!(ply::read_bytes(text(&zero).as_bytes()).unwrap().1.notes.is_empty());
 }
 
 #[test]

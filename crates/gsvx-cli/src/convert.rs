@@ -4,12 +4,11 @@ use crate::content;
 use crate::exit::usage;
 use crate::format;
 use crate::glb;
-use crate::input::ReadingAny;
+use crate::input::{Axes, ReadingAny};
 use crate::output::{Output, Written, counted};
 use crate::report::Reporter;
 use crate::size;
 use anyhow::Result;
-use clap::ValueEnum;
 use gs_model::spz::{self, ShBits};
 use gs_model::{Format, Scene};
 use indicatif::DecimalBytes;
@@ -48,7 +47,8 @@ Axes of SPZ: its specification has y up and z back, PLY models have y down and z
 the model around whenever it reads or writes SPZ, so that it stands upright in viewers that follow the
 specification. Niantic's own ply_to_spz and spz_to_ply copy the numbers without turning. A model that
 went through one of them stands on its head after the other kind of tool; --axes keep leaves the
-numbers as they are, as Niantic's tools do.";
+numbers as they are, as Niantic's tools do, read or written. A file that declares its axes
+(SPZ_ADOBE_coordinate_system) is turned from those.";
 
 #[derive(clap::Args)]
 pub(crate) struct ConvertArgs {
@@ -69,23 +69,11 @@ pub(crate) struct ConvertArgs {
     /// Bits per SH coefficient in SPZ: of degree 1, of degrees 2 and 3.
     #[arg(long, value_name = "N,M", value_parser = sh_bits, default_value = "8,8")]
     spz_sh_bits: ShBits,
-    /// What is done about the axes of SPZ, read or written.
-    #[arg(long, value_name = "HOW", default_value = "turn")]
-    axes: Axes,
     #[command(flatten)]
     reading: ReadingAny,
     /// Replace an existing output.
     #[arg(long)]
     force: bool,
-}
-
-/// What is done about the axes of SPZ files.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum Axes {
-    /// Turned between SPZ (y up) and the other formats (y down), as SPZ's specification asks.
-    Turn,
-    /// Numbers stay as they are, as in Niantic's ply_to_spz and spz_to_ply.
-    Keep,
 }
 
 fn sh_bits(text: &str) -> Result<ShBits, String> {
@@ -97,16 +85,6 @@ fn sh_bits(text: &str) -> Result<ShBits, String> {
     }
 }
 
-impl ConvertArgs {
-    /// Turns a model of format `read` where the flags ask for that.
-    fn turn(&self, scene: &mut Scene, read: &str, written: &Format) {
-        // Each of reading and writing SPZ has turned the scene once, or is about to.
-        if self.axes == Axes::Keep && (read == SPZ) != (written.name == SPZ) {
-            spz::turn(scene);
-        }
-    }
-}
-
 /// Converts a model.
 pub(crate) fn run(args: &ConvertArgs, report: Reporter) -> Result<()> {
     let format = format::of_output(args.to, &args.output, None)?;
@@ -115,17 +93,27 @@ pub(crate) fn run(args: &ConvertArgs, report: Reporter) -> Result<()> {
         return Err(usage(format!("{name}: only a .glb holds a stream; leave out --compress")));
     }
     let output = Output::open(&args.output, args.force, &[&args.input])?;
+    let mut notes = Vec::new();
     let (written, gaussians, sh_degree) = if args.compress {
-        let turn = |scene: &mut Scene, read: &str| args.turn(scene, read, format);
-        glb::write(output, &glb::stream(&args.reading, &args.input, args.quality, turn)?)?
+        let stream = glb::stream(&args.reading, &args.input, args.quality, &mut notes)?;
+        glb::write(output, &stream)?
     } else {
-        let (mut scene, read) = args.reading.any(&args.input)?;
-        args.turn(&mut scene, read, format);
+        let (mut scene, file) = args.reading.any(&args.input)?;
+        notes = file.notes;
+        if format.name == SPZ && args.reading.model.axes == Axes::Keep {
+            // Writing turns it back.
+            spz::turn(&mut scene);
+        }
         let sh_degree = scene.sh_degree.min(format.max_sh_degree);
         (write(args, format, output, &scene)?, scene.len(), sh_degree)
     };
     let human = format!("{}, {}", counted(gaussians, "Gaussian"), DecimalBytes(written.bytes));
-    let json = json!({ "gaussians": gaussians, "sh_degree": sh_degree, "bytes": written.bytes });
+    let json = json!({
+        "gaussians": gaussians,
+        "sh_degree": sh_degree,
+        "bytes": written.bytes,
+        "notes": notes,
+    });
     report.wrote(&written, &human, json)
 }
 

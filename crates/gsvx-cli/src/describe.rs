@@ -28,9 +28,6 @@ pub(crate) fn model(loaded: &Loaded, path: &Path, report: Reporter) -> Result<()
         text += &format!("  from           ({x}, {y}, {z})\n  to             ({u}, {v}, {w})\n");
         text += &spread.human();
     }
-    if !file.unknown_properties.is_empty() {
-        text += &format!("  other columns  {}\n", file.unknown_properties.join(", "));
-    }
     let json = json!({
         "format": file.form,
         "bytes": bytes,
@@ -40,8 +37,7 @@ pub(crate) fn model(loaded: &Loaded, path: &Path, report: Reporter) -> Result<()
         "low": low,
         "high": high,
         "spread": spread.map(|s| s.json()),
-        "other_columns": file.unknown_properties,
-        "comments": file.comments,
+        "notes": file.notes,
     });
     report.say(false, text.trim_end(), &json)
 }

@@ -187,14 +187,7 @@ fn encode_file(args: &EncodeArgs, job: &Job, report: Reporter) -> Result<()> {
     let output = Output::open(&job.output, args.scene.force, &[&job.input])?;
     let (start, name) = (Instant::now(), input::name(&job.input));
     let Loaded { scene, bytes: input_bytes, report: file } =
-        args.scene.reading.model(&job.input)?;
-    let lost = if args.lossless { file.lost } else { Vec::new() };
-    if !lost.is_empty() {
-        note(format_args!(
-            "warning: {name}: the stream keeps the floats of the Gaussians only; it loses: {}",
-            lost.join(", ")
-        ));
-    }
+        args.scene.reading.model(&job.input, true)?;
     let input_gaussians = scene.len();
     let read_seconds = start.elapsed().as_secs_f64();
     let step = Instant::now();
@@ -240,7 +233,7 @@ fn encode_file(args: &EncodeArgs, job: &Job, report: Reporter) -> Result<()> {
     json["bytes"] = json!(bytes);
     json["input_bytes"] = json!(input_bytes);
     json["input_gaussians"] = json!(input_gaussians);
-    json["lost_columns"] = json!(lost);
+    json["notes"] = json!(file.notes);
     json["read_seconds"] = json!(read_seconds);
     json["encode_seconds"] = json!(encode_seconds);
     report.wrote(&written, &human, json)?;

@@ -4,21 +4,19 @@ use crate::exit::{note, usage};
 use crate::input::{self, Loaded, Opened, ReadingAny};
 use crate::output::{Output, Written};
 use anyhow::{Context, Result};
-use gs_model::Scene;
 use gs_model::gltf::Compressed;
 use gsvx::{Aim, DEFAULT_QUALITY, DecodeOptions, Decoder, Encoder, Index};
 use std::path::Path;
 
-/// The stream of an input, as it is, or that of a model at a quality. `prepare` gets the model and the name of its
-/// format.
+/// The stream of an input, as it is, or that of a model at a quality. `notes` gets what the file of a model held.
 pub(crate) fn stream(
     reading: &ReadingAny,
     path: &Path,
     quality: Option<f32>,
-    prepare: impl FnOnce(&mut Scene, &str),
+    notes: &mut Vec<String>,
 ) -> Result<Vec<u8>> {
     let name = input::name(path);
-    let Loaded { mut scene, report, .. } = match (reading.open(path)?, quality) {
+    let Loaded { scene, report, .. } = match (reading.open(path)?, quality) {
         (Opened::Model(loaded), _) => *loaded,
         (Opened::Stream(_), Some(_)) => {
             return Err(usage(format!(
@@ -27,7 +25,7 @@ pub(crate) fn stream(
         }
         (Opened::Stream(bytes), None) => return whole(bytes, reading, &name),
     };
-    prepare(&mut scene, report.format);
+    *notes = report.notes;
     let mut encoder = Encoder::new(Aim::Quality(quality.unwrap_or(DEFAULT_QUALITY)));
     let made = encoder.encode(&scene).with_context(|| name.clone())?;
     made.warnings.iter().for_each(|warning| note(format_args!("warning: {name}: {warning}")));

@@ -2,11 +2,11 @@
 
 use crate::exit::{STDIN, note};
 use crate::format::{self, STREAM};
-use crate::output::{counted, is_stdio};
+use crate::output::is_stdio;
 use crate::progress::Meter;
 use crate::size;
 use anyhow::{Context, Result, bail};
-use gs_model::{Format, Invalid, ReadOptions, Report, Scene, model, ply};
+use gs_model::{FileAxes, Format, Invalid, ReadOptions, Report, Scene, model, ply};
 use serde::{Deserialize, Serialize};
 use std::fs::File;
 use std::io::Read;
@@ -19,16 +19,37 @@ pub(crate) struct Reading {
     #[arg(long, value_name = "FORMAT", value_parser = format::read_name(), hide_short_help = true,
           help_heading = "Input")]
     from: Option<String>,
-    /// Leave out Gaussians with NaN, infinity or a zero quaternion instead of failing.
+    /// Leave out Gaussians with NaN, an infinite mean, scale or colour, or a zero quaternion instead of failing.
+    /// Infinite opacities and scales of 0 are valid.
     #[arg(long, hide_short_help = true, help_heading = "Input")]
     drop_invalid: bool,
+    /// What is done about the axes of SPZ files.
+    #[arg(
+        long,
+        value_name = "HOW",
+        default_value = "turn",
+        hide_short_help = true,
+        help_heading = "Input"
+    )]
+    pub(crate) axes: Axes,
+}
+
+/// What is done about the axes of SPZ files.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize)]
+pub(crate) enum Axes {
+    /// Turned between SPZ (y up, or as the file declares) and the other formats (y down), as SPZ's specification
+    /// asks.
+    #[default]
+    Turn,
+    /// Numbers stay as they are, as in Niantic's ply_to_spz and spz_to_ply.
+    Keep,
 }
 
 /// How a model or a stream is read.
 #[derive(clap::Args, Clone, Debug)]
 pub(crate) struct ReadingAny {
     #[command(flatten)]
-    model: Reading,
+    pub(crate) model: Reading,
     #[command(flatten)]
     pub(crate) limit: Limit,
 }
@@ -93,7 +114,11 @@ impl Reading {
     fn options(&self, max_gaussians: Option<u64>) -> ReadOptions {
         let invalid = if self.drop_invalid { Invalid::Drop } else { Invalid::Error };
         let codec = Some(&gsvx::gltf::CODEC);
-        ReadOptions { invalid, codec, max_gaussians, ..Default::default() }
+        let axes = match self.axes {
+            Axes::Turn => FileAxes::Turn,
+            Axes::Keep => FileAxes::Keep,
+        };
+        ReadOptions { invalid, axes, codec, max_gaussians }
     }
 
     /// A model that can be read some Gaussians at a time; `None` of any other.
@@ -104,10 +129,15 @@ impl Reading {
         Ok(ply::Parts::open(path, &self.options(None))?)
     }
 
-    /// A model of any format that gs-model reads; a stream is refused.
-    pub(crate) fn model(&self, path: &Path) -> Result<Loaded> {
+    /// A model of any format that gs-model reads; a stream is refused. Says what its file held if `say`.
+    pub(crate) fn model(&self, path: &Path, say: bool) -> Result<Loaded> {
         match self.open(path, None)? {
-            Opened::Model(loaded) => Ok(*loaded),
+            Opened::Model(loaded) => {
+                if say {
+                    say_notes(path, &loaded.report);
+                }
+                Ok(*loaded)
+            }
             Opened::Stream(_) => bail!(
                 "{}: is a gsvx stream already; to code it again, write it as a model with gsvx decode first",
                 name(path)
@@ -115,7 +145,7 @@ impl Reading {
         }
     }
 
-    /// Reads a model, or the bytes of a stream. Says what it skipped.
+    /// Reads a model, or the bytes of a stream.
     fn open(&self, path: &Path, max_gaussians: Option<u64>) -> Result<Opened> {
         let (from, options) = (self.from.as_deref(), self.options(max_gaussians));
         let reading = Meter::spinner(format!("reading {}", name(path)));
@@ -137,7 +167,6 @@ impl Reading {
             (read, all.len() as u64)
         };
         drop(reading);
-        say_skipped(&report);
         let bytes = bytes + report.bytes_beside;
         Ok(Opened::Model(Box::new(Loaded { scene, bytes, report })))
     }
@@ -145,20 +174,13 @@ impl Reading {
 
 /// Opens a file of any format, without its invalid Gaussians.
 pub(crate) fn lenient(path: &Path) -> Result<Opened> {
-    Reading { from: None, drop_invalid: true }.open(path, None)
+    Reading { from: None, drop_invalid: true, axes: Axes::Turn }.open(path, None)
 }
 
-fn say_skipped(report: &Report) {
+/// Says what a file held that its model has not, and what was read as something else.
+pub(crate) fn say_notes(path: &Path, report: &Report) {
     for said in &report.notes {
-        note(format_args!("note: {said}"));
-    }
-    for property in &report.unknown_properties {
-        note(format_args!("skipped: property {property} is not part of a 3DGS model"));
-    }
-    if report.dropped > 0 {
-        let (dropped, all) =
-            (counted(report.dropped, "invalid Gaussian"), report.gaussians_in_file);
-        note(format_args!("skipped: {dropped} of {all}"));
+        note(format_args!("note: {}: {said}", name(path)));
     }
 }
 
@@ -167,21 +189,22 @@ impl ReadingAny {
     pub(crate) fn open(&self, path: &Path) -> Result<Opened> {
         let opened = self.model.open(path, self.limit.max_gaussians)?;
         if let Opened::Model(loaded) = &opened {
+            say_notes(path, &loaded.report);
             self.limit.check(path, loaded.scene.len() as u64)?;
         }
         Ok(opened)
     }
 
-    /// A model of any format, streams included, and the name of the format.
-    pub(crate) fn any(&self, path: &Path) -> Result<(Scene, &'static str)> {
+    /// A model of any format, streams included, and what its file held; nothing is said of a stream's.
+    pub(crate) fn any(&self, path: &Path) -> Result<(Scene, Report)> {
         let bytes = match self.open(path)? {
             Opened::Stream(bytes) => bytes,
-            Opened::Model(loaded) => return Ok((loaded.scene, loaded.report.format)),
+            Opened::Model(loaded) => return Ok((loaded.scene, loaded.report)),
         };
         let mut options = gsvx::DecodeOptions::default();
         options.max_gaussians = self.limit.max_gaussians;
         let decoded = gsvx::decode_with(&bytes, &options).with_context(|| name(path))?;
-        Ok((decoded.scene, STREAM))
+        Ok((decoded.scene, Report::default()))
     }
 }
 

@@ -207,7 +207,7 @@ pub(crate) fn run(args: &TuneArgs, report: Reporter) -> Result<()> {
     let pictures = args.pictures.as_deref();
     pictures.map_or(Ok(()), |folder| pictures::folder(folder, args.force))?;
     let backend = args.backend()?;
-    let scene = args.reading.model(&args.input)?.scene;
+    let scene = args.reading.model(&args.input, true)?.scene;
     let targets = args.targets(&scene)?;
     let distilled = targets.are_renders();
     let cameras = args.cameras.as_deref().unwrap_or(&args.input);

@@ -28,7 +28,7 @@ fn encode_info_decode() {
     }
     ok(&words("decode @ -o @"), &[&stream, &back]);
     let (scene, report) = ply::read(&back).unwrap();
-    assert!(scene.len() > 1000 && report.lost.is_empty());
+    assert!(scene.len() > 1000 && report.notes.is_empty());
     // Replacing needs --force, and a failed run leaves the old file.
     let before = std::fs::read(&back).unwrap();
     one_line(&run(&words("decode @ -o @"), &[&stream, &back]), "--force");

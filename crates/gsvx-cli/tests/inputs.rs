@@ -28,11 +28,11 @@ fn the_limit_on_gaussians_had_no_flag() {
 }
 
 #[test]
-fn lossless_lost_normals_without_a_word() {
+fn normals_are_not_lost_without_a_word() {
     let dir = tempfile::tempdir().unwrap();
     let (input, stream) = (small(dir.path()), dir.path().join("a.gsvx"));
     let quiet = json(&["encode", "@", "-o", "@", "--lossless"], &[&input, &stream]);
-    assert_eq!(quiet["lost_columns"], serde_json::json!([]));
+    assert_eq!(quiet["notes"], serde_json::json!([]));
     let mut file = std::fs::read(&input).unwrap();
     let body = file.windows(11).position(|w| w == b"end_header\n").unwrap() + 11;
     // x y z nx ny nz: the third row's ny.
@@ -44,10 +44,10 @@ fn lossless_lost_normals_without_a_word() {
     let out = run(&words, &[&with_normals, &stream]);
     assert!(out.status.success());
     let said = heard(&out);
-    assert!(said.contains("it loses: ny") && said.lines().count() == 1, "{said}");
+    assert!(said.contains("are not kept: ny") && said.lines().count() == 1, "{said}");
     let from_pipe = piped(&["encode", "-", "-o", "/dev/null", "--lossless"], &file);
     if cfg!(unix) {
-        assert!(heard(&from_pipe).contains("it loses: ny"));
+        assert!(heard(&from_pipe).contains("are not kept: ny"));
     }
 }
 

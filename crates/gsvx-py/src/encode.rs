@@ -5,7 +5,7 @@ use crate::background::{Event, Line, run};
 use crate::cameras::{CameraArrays, Cameras};
 use crate::error::{Fault, Result};
 use finetune::{Likeness, Pictures, References, Visibility};
-use gs_model::Scene;
+use gs_model::{Limits, Scene};
 use gsvx::{Aim, EncodeProgress, Encoder, LEFT_OUT, Leaves, Made, MaxError};
 use numpy::PyArray1;
 use pyo3::prelude::*;
@@ -107,6 +107,9 @@ fn encode(
     line: &Line,
 ) -> Result<Done> {
     let (start, input) = (Instant::now(), scene.len());
+    // Coded without loss, infinite opacities stay as they are.
+    let exact = options.lossless && !options.drop_invalid;
+    let limits = if exact { Limits::default() } else { scene.clamp_limits() };
     let valid = options.drop_invalid.then(|| scene.valid_indices());
     let valid = valid.filter(|valid| valid.len() < input);
     if let Some(valid) = &valid {
@@ -114,6 +117,7 @@ fn encode(
     }
     let mut done = Done { invalid: input - scene.len(), ..Done::default() };
     let estimated = options.estimate && !options.lossless;
+    done.warnings.extend(limits.sentences());
     if !options.lossless {
         scene.validate()?;
     }

@@ -3,25 +3,30 @@
 use crate::arrays::{self, SplatArrays};
 use crate::background::{pool, run};
 use crate::error::{Fault, Result};
-use gs_model::{Format, Invalid, ReadOptions, Scene};
+use gs_model::{FileAxes, Format, Invalid, ReadOptions, Scene};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
-/// Reads a model or a stream. Returns a dict of arrays, and what was left out, in words.
+/// Reads a model or a stream. Returns a dict of arrays, and what is to be said of the file, a sentence each.
 #[pyfunction]
 pub(crate) fn read_model(
     py: Python<'_>,
     path: PathBuf,
     drop_invalid: bool,
-) -> PyResult<(Bound<'_, PyDict>, Option<String>)> {
-    let (scene, left_out) = run(py, pool()?, None, move |_| read(&path, drop_invalid))?;
-    Ok((arrays::dict(py, scene)?, left_out))
+    keep_axes: bool,
+) -> PyResult<(Bound<'_, PyDict>, Vec<String>)> {
+    let invalid = if drop_invalid { Invalid::Drop } else { Invalid::Error };
+    let axes = if keep_axes { FileAxes::Keep } else { FileAxes::Turn };
+    let codec = Some(&gsvx::gltf::CODEC);
+    let options = ReadOptions { invalid, axes, codec, max_gaussians: None };
+    let (scene, notes) = run(py, pool()?, None, move |_| read(&path, &options))?;
+    Ok((arrays::dict(py, scene)?, notes))
 }
 
-fn read(path: &Path, drop_invalid: bool) -> Result<(Scene, Option<String>)> {
+fn read(path: &Path, options: &ReadOptions) -> Result<(Scene, Vec<String>)> {
     let name = path.display();
     if path.is_dir() {
         return Err(Fault::Failed(format!("{name}: is a folder; name the model in it")));
@@ -31,16 +36,10 @@ fn read(path: &Path, drop_invalid: bool) -> Result<(Scene, Option<String>)> {
     if starts_like_stream(path).map_err(failed)? {
         let stream = std::fs::read(path).map_err(failed)?;
         let scene = gsvx::decode(&stream).map_err(|e| Fault::from(e).named(&name.to_string()))?;
-        return Ok((scene, None));
+        return Ok((scene, Vec::new()));
     }
-    let invalid = if drop_invalid { Invalid::Drop } else { Invalid::Error };
-    let codec = Some(&gsvx::gltf::CODEC);
-    let options = ReadOptions { invalid, codec, ..Default::default() };
-    let (scene, report) = gs_model::model::read(path, &options)?;
-    let (n, all) = (report.dropped, report.gaussians_in_file);
-    let s = if n == 1 { "" } else { "s" };
-    let left_out = || format!("{name}: left out: {n} invalid Gaussian{s} of {all}");
-    Ok((scene, (n > 0).then(left_out)))
+    let (scene, report) = gs_model::model::read(path, options)?;
+    Ok((scene, report.notes.iter().map(|note| format!("{name}: {note}")).collect()))
 }
 
 fn starts_like_stream(path: &Path) -> io::Result<bool> {

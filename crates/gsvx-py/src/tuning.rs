@@ -163,6 +163,7 @@ fn tune_scene(
     options: &TuneDict,
     line: &Line,
 ) -> Result<Tuned> {
+    let limits = scene.clamp_limits();
     if options.drop_invalid {
         scene.drop_invalid();
     }
@@ -173,6 +174,7 @@ fn tune_scene(
     };
     found.check(&scene, options.force_photos)?;
     let Photos { views: training, mut warnings } = found;
+    warnings.extend(limits.sentences());
     let distilled = training.is_empty();
     let targets =
         if distilled { Targets::Renders(cameras.list) } else { Targets::Photos(training) };

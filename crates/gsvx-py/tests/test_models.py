@@ -38,7 +38,7 @@ def test_invalid_gaussians_of_a_file(small, tmp_path):
     gsvx.write_model(tmp_path / "nan.ply", small)
     with pytest.raises(gsvx.Error, match="nan.ply.*pass drop_invalid=True"):
         gsvx.read_model(tmp_path / "nan.ply")
-    with pytest.warns(UserWarning, match="1 invalid Gaussian of 400"):
+    with pytest.warns(UserWarning, match="1 invalid Gaussian is left out, of 400"):
         assert len(gsvx.read_model(tmp_path / "nan.ply", drop_invalid=True)["means"]) == 399
 
 

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::OnceLock;
 
 use finetune::{Photo, TrainView};
-use gs_model::{Format, Invalid, ReadOptions, Scene, colmap as sfm, inria, nerf, ply};
+use gs_model::{FileAxes, Format, Invalid, ReadOptions, Scene, colmap as sfm, inria, nerf, ply};
 
 use tune::{FineTune, FineTuneOptions};
 
@@ -14,7 +14,7 @@ use crate::{choice, gzip, number};
 fn options(byte: u8) -> ReadOptions {
     ReadOptions {
         invalid: if byte & 1 == 0 { Invalid::Error } else { Invalid::Drop },
-        clamp_infinite_opacity: (byte & 2 != 0).then_some(10.0),
+        axes: if byte & 2 == 0 { FileAxes::Turn } else { FileAxes::Keep },
         codec: Some(&::gsvx::gltf::CODEC),
         max_gaussians: None,
     }

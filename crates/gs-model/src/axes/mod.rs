@@ -1,11 +1,15 @@
 //! Coordinate axes: those of trained scenes, those of engines, and those of files.
 
 mod cyclic;
+#[cfg(feature = "formats")]
+mod placement;
 mod signs;
 
 use crate::scene::Scene;
 #[cfg(feature = "formats")]
-pub(crate) use signs::{ABOUT_X, ABOUT_Z, Signs};
+pub(crate) use placement::Placement;
+#[cfg(feature = "formats")]
+pub(crate) use signs::{ABOUT_X, ABOUT_Z, STAYING, Signs};
 
 /// Coordinate axes of scenes. Lengths stay as they are.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -5,10 +5,14 @@ use crate::scene::Scene;
 /// The signs that the axes get.
 pub(crate) struct Signs {
     /// Of x, y and z.
-    axes: [f32; 3],
+    pub(super) axes: [f32; 3],
     /// Of each basis function, degrees 0 to 3.
     sh: [f32; 16],
 }
+
+/// All stay as they are.
+#[cfg(feature = "formats")]
+pub(crate) const STAYING: Signs = Signs { axes: [1.; 3], sh: [1.; 16] };
 
 /// `(x, -y, -z)`, half a turn: SPZ.
 pub(crate) const ABOUT_X: Signs = Signs {

@@ -1,4 +1,4 @@
-//! The SH basis functions, for tests of what turning a model does to its SH coefficients.
+//! The SH basis functions, for turning the SH coefficients of a model.
 
 /// The polynomials of the real spherical harmonics of degrees 0 to 3, in the order of 3DGS, without their
 /// constant factors.
@@ -47,6 +47,7 @@ pub(crate) fn values([x, y, z]: [f64; 3]) -> [f64; 16] {
 }
 
 /// The sign that each basis function gets where the axes get these signs.
+#[cfg(test)]
 pub(crate) fn signs_under([x, y, z]: [f64; 3]) -> [f32; 16] {
     BASIS.map(|f| (f(0.3 * x, 0.6 * y, 0.5 * z) / f(0.3, 0.6, 0.5)) as f32)
 }

@@ -4,19 +4,17 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use super::header::{PlyElement, Scalar};
+use super::header::{PlyElement, Property, Scalar};
 use super::variants::Variants;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, list};
 use crate::foreign;
+use crate::report::DEGREE_4;
 use crate::rows::{SH, row_len};
 use crate::scene::sh_len;
 
 /// Names of the first [`SH`] numbers of a row in scene order.
 const NAMES: [&str; SH] =
     ["x", "y", "z", "rot_0", "rot_1", "rot_2", "rot_3", "scale_0", "scale_1", "scale_2", "opacity"];
-
-/// `f_rest` counts of SH degrees 0 to 3.
-const REST_COUNTS: [usize; 4] = [0, 9, 24, 45];
 
 /// Property name of number `i` of a row in scene order.
 pub(super) fn name(i: usize, sh_degree: u8) -> String {
@@ -57,29 +55,34 @@ pub(super) struct Columns {
     pub(super) variants: Variants,
     /// What a scene may not keep.
     lost: Vec<Lost>,
-    /// Names of the properties that are not part of the Inria layout, in file order.
-    pub(super) unknown: Vec<String>,
 }
 
 /// A property that may hold something that a scene does not keep.
 #[derive(Debug)]
 struct Lost {
     property: usize,
-    /// In words.
-    what: String,
-    /// Whether it is part of a Gaussian, and so lost only where no float holds its number. Otherwise it is lost
-    /// where it is not zero.
-    kept: bool,
+    name: String,
+    kind: LostKind,
     /// Set by any task.
     found: AtomicBool,
 }
 
+/// What of a property is lost.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum LostKind {
+    /// Numbers that no float holds, of a property that is part of a Gaussian.
+    Precision,
+    /// SH coefficients of degree 4: lost where they are not zero.
+    Degree4,
+    /// All of it: lost where it is not zero.
+    All,
+}
+
 impl Lost {
     fn is_in(&self, number: f64) -> bool {
-        if self.kept {
-            !number.is_nan() && f64::from(number as f32) != number
-        } else {
-            number != 0.0
+        match self.kind {
+            LostKind::Precision => !number.is_nan() && f64::from(number as f32) != number,
+            LostKind::Degree4 | LostKind::All => number != 0.0,
         }
     }
 }
@@ -112,13 +115,11 @@ impl Columns {
             }
             return Err(missing(absent));
         }
-        let Some(sh_degree) = (0..4u8).find(|&d| REST_COUNTS[usize::from(d)] == rest) else {
-            return Err(rest_count(file, rest));
-        };
-
+        let file_degree = rest_degree(rest).ok_or_else(|| rest_count(file, "vertex", rest))?;
+        let sh_degree = file_degree.min(3);
         let mut properties = Vec::with_capacity(row_len(sh_degree));
         for i in 0..row_len(sh_degree) {
-            let name = name(i, sh_degree);
+            let name = name(i, file_degree);
             let Some(&at) = index.get(variants.stand_in(&name)) else {
                 return Err(missing(vec![name]));
             };
@@ -128,19 +129,17 @@ impl Columns {
         for &p in properties.iter().chain(&variants.filter_3d) {
             known[p] = true;
         }
-        let (mut lost, mut unknown) = (Vec::new(), Vec::new());
-        for (at, property) in vertex.properties.iter().enumerate() {
-            let name = &property.name;
-            if !known[at] && !is_normal(name) {
-                unknown.push(name.clone());
-            }
-            if !(known[at] && property.scalar == Scalar::F32) {
-                let beyond = if known[at] { " beyond float precision" } else { "" };
-                let (what, found) = (format!("{name}{beyond}"), AtomicBool::new(false));
-                lost.push(Lost { property: at, what, kept: known[at], found });
-            }
+        let mut lost = Vec::new();
+        for (property, Property { name, scalar, .. }) in vertex.properties.iter().enumerate() {
+            let kind = match known[property] {
+                true if *scalar == Scalar::F32 => continue,
+                true => LostKind::Precision,
+                false if is_rest(name) => LostKind::Degree4,
+                false => LostKind::All,
+            };
+            lost.push(Lost { property, name: name.clone(), kind, found: AtomicBool::new(false) });
         }
-        Ok(Self { sh_degree, properties, variants, lost, unknown })
+        Ok(Self { sh_degree, properties, variants, lost })
     }
 
     /// Number `c` in scene order of a row; `property` gives the numbers of its properties.
@@ -162,11 +161,25 @@ impl Columns {
         }
     }
 
-    /// What a scene does not keep, in words and in file order.
-    pub(super) fn lost(&self) -> impl Iterator<Item = String> {
-        let found = self.lost.iter().filter(|lost| lost.found.load(Ordering::Relaxed));
-        found.map(|lost| lost.what.clone())
+    /// What a scene does not keep, a sentence for each kind.
+    pub(super) fn notes(&self) -> Vec<String> {
+        let names = |kind: LostKind| {
+            let found = self.lost.iter().filter(|lost| lost.found.load(Ordering::Relaxed));
+            list(found.filter(|lost| lost.kind == kind).map(|lost| lost.name.clone()))
+        };
+        let all = names(LostKind::All).map(|names| {
+            format!("properties that are not part of a 3DGS model are not kept: {names}")
+        });
+        let degree_4 = names(LostKind::Degree4).map(|_| DEGREE_4.into());
+        let precision = names(LostKind::Precision)
+            .map(|names| format!("numbers that no float holds are rounded: {names}"));
+        [all, degree_4, precision].into_iter().flatten().collect()
     }
+}
+
+/// The SH degree of a number of `f_rest` properties.
+pub(super) fn rest_degree(count: usize) -> Option<u8> {
+    (0..=4).find(|&d| 3 * (sh_len(d) - 1) == count)
 }
 
 const PLAIN_POINTS: &str = "a plain point cloud, such as training starts from: its points have no opacity, scales and \
@@ -176,9 +189,10 @@ const PLAIN_POINTS: &str = "a plain point cloud, such as training starts from: i
 const PLACE: &str = "element \"vertex\"";
 
 /// The error of a number of `f_rest` properties that no SH degree has.
-pub(super) fn rest_count(file: &Path, count: usize) -> Error {
-    let reason = format!("{count} f_rest properties; SH degrees 0, 1, 2, 3 have 0, 9, 24, 45");
-    Error::malformed(file, PLACE, reason)
+pub(super) fn rest_count(file: &Path, element: &str, count: usize) -> Error {
+    let reason =
+        format!("{count} f_rest properties; SH degrees 0, 1, 2, 3, 4 have 0, 9, 24, 45, 72");
+    Error::malformed(file, &format!("element {element:?}"), reason)
 }
 
 fn is_normal(name: &str) -> bool {

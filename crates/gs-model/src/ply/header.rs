@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use crate::error::{Error, Result, excerpt};
+use crate::error::{Error, Result, excerpt, list};
 
 /// A header longer than this is refused.
 ///
@@ -139,6 +139,38 @@ pub(super) struct PlyHeader {
     pub(super) lines: usize,
     /// What ends a line.
     pub(super) line_end: u8,
+}
+
+impl PlyHeader {
+    /// What of the file no one reads, a sentence each: elements but for those `read`, comments, and bytes after
+    /// the last row.
+    pub(super) fn notes(&self, read: &[&str], trailing_bytes: usize) -> Vec<String> {
+        let others =
+            self.elements.iter().filter(|e| e.count > 0 && !read.contains(&e.name.as_str()));
+        let others = list(others.map(|e| format!("{} ({} rows)", e.name, e.count)));
+        let comments = self.comments.iter().filter(|comment| !names_maker(comment));
+        let comments = list(comments.cloned());
+        let trailing = (trailing_bytes > 0)
+            .then(|| format!("{trailing_bytes} bytes after the last row are not read"));
+        [
+            others.map(|names| {
+                format!("other elements than those of the model are not kept: {names}")
+            }),
+            comments.map(|said| format!("what the file's comments say is not used: {said}")),
+            trailing,
+        ]
+        .into_iter()
+        .flatten()
+        .collect()
+    }
+}
+
+/// True for a comment that says only who made the file, or nothing.
+fn names_maker(comment: &str) -> bool {
+    const MAKERS: [&str; 7] =
+        ["generated", "created", "made", "exported", "written", "saved", "file generated"];
+    let comment = comment.to_ascii_lowercase();
+    comment.is_empty() || MAKERS.iter().any(|by| comment.starts_with(by))
 }
 
 /// Parses the header at the start of `bytes`.

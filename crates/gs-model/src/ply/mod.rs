@@ -4,10 +4,10 @@
 //! SH coefficients, **channel-major**: all of red, then green, then blue), `opacity` (a logit),
 //! `scale_0..2` (natural logarithms), `rot_0..3` (quaternion, w first). The reader takes ASCII
 //! and both binary formats, properties in any order and of any scalar type, with or without
-//! normals. It skips other properties and elements and names them in the [`Report`]. It also takes
-//! models of 2D Gaussian splatting (two scales), of Mip-Splatting (`filter_3D`), and with `red green blue`
-//! as bytes: [`Report::notes`] says what became of them. PlayCanvas' `compressed.ply` is read too, under the
-//! feature `formats`.
+//! normals. [`Report::notes`] names what it skips: other properties that are not zero, other elements, SH
+//! coefficients of degree 4, comments that say more than who made the file. It also takes models of 2D Gaussian
+//! splatting (two scales), of Mip-Splatting (`filter_3D`), and with `red green blue`: the notes say what became
+//! of them. PlayCanvas' `compressed.ply` is read too, under the feature `formats`.
 
 mod ascii;
 mod binary;
@@ -126,14 +126,9 @@ fn read_file(file: &Path, bytes: &[u8]) -> Result<(Scene, Report)> {
 
 /// What a file of that header holds, after its rows were read.
 fn report_of(header: &PlyHeader, columns: &Columns, trailing_bytes: usize) -> Report {
-    let others = header.elements.iter().filter(|e| e.name != "vertex" && e.count > 0);
-    let others = others.map(|e| format!("element {} ({} rows)", e.name, e.count));
-    Report {
-        notes: columns.variants.notes(),
-        lost: others.chain(columns.lost()).collect(),
-        unknown_properties: columns.unknown.clone(),
-        comments: header.comments.clone(),
-        trailing_bytes,
-        ..Report::of(FORMAT.name, header.encoding.form())
-    }
+    let mut report = Report::of(FORMAT.name, header.encoding.form());
+    report.notes = columns.variants.notes();
+    report.notes.extend(columns.notes());
+    report.notes.extend(header.notes(&["vertex"], trailing_bytes));
+    report
 }

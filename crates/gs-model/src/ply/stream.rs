@@ -10,7 +10,7 @@ use super::columns::Columns;
 use super::header::{self, Encoding, PlyHeader};
 use super::report_of;
 use crate::error::{Error, Result};
-use crate::report::{ReadOptions, Report};
+use crate::report::{Cleaned, ReadOptions, Report};
 use crate::rows;
 use crate::scene::Scene;
 
@@ -43,6 +43,7 @@ pub(super) fn read(path: &Path) -> Result<Option<(Scene, Report)>> {
 pub struct Parts {
     body: Body,
     options: ReadOptions,
+    cleaned: Cleaned,
 }
 
 impl Parts {
@@ -53,7 +54,7 @@ impl Parts {
     /// [`Error::Io`]; those of the columns.
     pub fn open(path: impl AsRef<Path>, options: &ReadOptions) -> Result<Option<Self>> {
         let body = Body::open(path.as_ref())?;
-        Ok(body.map(|body| Self { body, options: *options }))
+        Ok(body.map(|body| Self { body, options: *options, cleaned: Cleaned::default() }))
     }
 
     /// Gaussians in the file.
@@ -69,18 +70,27 @@ impl Parts {
     /// [`Error::Io`]; [`Error::InvalidGaussian`], which counts those from this part on.
     pub fn next_part(&mut self) -> Result<Option<Scene>> {
         let body = &mut self.body;
-        let first = body.first;
         let Some(mut scene) = body.next_part()? else { return Ok(None) };
-        match self.options.apply(&body.path, &mut scene, &mut Report::default()) {
+        match self.options.clean(&body.path, &mut scene, &mut self.cleaned) {
             Ok(()) => Ok(Some(scene)),
             Err(Error::InvalidGaussian { file, index, field, value, mut count }) => {
-                while let Some(rest) = body.next_part()? {
+                while let Some(mut rest) = body.next_part()? {
+                    rest.clamp_limits();
                     count += rest.invalid().map_or(0, |invalid| invalid.count);
                 }
-                Err(Error::InvalidGaussian { file, index: first + index, field, value, count })
+                Err(Error::InvalidGaussian { file, index, field, value, count })
             }
             Err(error) => Err(error),
         }
+    }
+
+    /// What the file held, as far as it has been read: all of it after the last part.
+    #[must_use]
+    pub fn report(&self) -> Report {
+        let body = &self.body;
+        let mut report = report_of(&body.header, &body.columns, body.trailing_bytes);
+        self.cleaned.report(&mut report);
+        report
     }
 }
 

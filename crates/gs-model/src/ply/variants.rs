@@ -5,16 +5,16 @@
 //! - *Mip-Splatting* has the column `filter_3D`, the standard deviation of a smoothing kernel. It is added
 //!   to the variances, and the opacity is lowered so that the Gaussian keeps its integral: what
 //!   Mip-Splatting itself does for viewers that do not know the column.
-//! - *Colours as bytes* (`red`, `green`, `blue`, `uchar`) stand for the SH coefficients of degree 0.
+//! - *Colours* (`red`, `green`, `blue`) stand for the SH coefficients of degree 0: 0 to 65535 as `ushort`, 0 to 1
+//!   as `float` or `double`, 0 to 255 as other integers.
 
 use std::collections::BTreeMap;
 
 use super::header::{PlyElement, Scalar};
+use crate::limits::LOG_THICKNESS;
 use crate::rows::SH;
 use crate::scene::SH_C0;
 
-/// Natural logarithm of a disc's thickness, relative to the shorter of its axes.
-const LOG_THICKNESS: f32 = -6.907_755_4;
 /// First log-scale, and opacity, of a row in scene order.
 const LOG_SCALE: usize = 7;
 const OPACITY: usize = 10;
@@ -24,7 +24,8 @@ const COLOURS: [&str; 3] = ["red", "green", "blue"];
 #[derive(Debug, Default)]
 pub(super) struct Variants {
     discs: bool,
-    colours: bool,
+    /// What stands for full colour, where the model has `red`, `green` and `blue`.
+    colours: Option<f32>,
     /// The property `filter_3D`.
     pub(super) filter_3d: Option<usize>,
 }
@@ -36,7 +37,7 @@ impl Variants {
         let has_dc = ["f_dc_0", "f_dc_1", "f_dc_2"].into_iter().any(has);
         Self {
             discs: has("scale_0") && has("scale_1") && !has("scale_2"),
-            colours: !has_dc && COLOURS.iter().all(|c| scalar(c) == Some(Scalar::U8)),
+            colours: full_colour(COLOURS.map(scalar)).filter(|_| !has_dc),
             filter_3d: index.get("filter_3D").copied(),
         }
     }
@@ -45,26 +46,31 @@ impl Variants {
     pub(super) fn stand_in<'n>(&self, name: &'n str) -> &'n str {
         match name {
             "scale_2" if self.discs => "scale_1",
-            "f_dc_0" if self.colours => COLOURS[0],
-            "f_dc_1" if self.colours => COLOURS[1],
-            "f_dc_2" if self.colours => COLOURS[2],
+            "f_dc_0" if self.colours.is_some() => COLOURS[0],
+            "f_dc_1" if self.colours.is_some() => COLOURS[1],
+            "f_dc_2" if self.colours.is_some() => COLOURS[2],
             _ => name,
         }
     }
 
     pub(super) fn any(&self) -> bool {
-        self.discs || self.colours || self.filter_3d.is_some()
+        self.discs || self.colours.is_some() || self.filter_3d.is_some()
     }
 
     /// What was done, in words.
-    pub(super) fn notes(&self) -> Vec<&'static str> {
+    pub(super) fn notes(&self) -> Vec<String> {
         let discs =
             "two scales (2D Gaussian splatting): each disc is a thousandth of its width thick";
-        let colours = "colours as bytes: they are the SH coefficients of degree 0";
         let filter = "filter_3D (Mip-Splatting) is part of the scales and opacities now";
-        let all =
-            [(self.discs, discs), (self.colours, colours), (self.filter_3d.is_some(), filter)];
-        all.into_iter().filter(|(is, _)| *is).map(|(_, note)| note).collect()
+        let colours = self.colours.map(|full| {
+            format!("red, green and blue, 0 to {full}, are the SH coefficients of degree 0")
+        });
+        let all = [
+            self.discs.then(|| discs.into()),
+            colours,
+            self.filter_3d.is_some().then(|| filter.into()),
+        ];
+        all.into_iter().flatten().collect()
     }
 
     /// Number `c` in scene order. `raw` gives the numbers of the properties in scene order, stand-ins
@@ -89,13 +95,23 @@ impl Variants {
                     log_scales.iter().map(|&s| f64::from(s) - f64::from(smoothed(s, filter))).sum();
                 dimmed(raw(OPACITY), lost)
             }
-            11..14 if self.colours => (raw(c) / 255.0 - 0.5) / SH_C0,
+            11..14 => self.colours.map_or(raw(c), |full| (raw(c) / full - 0.5) / SH_C0),
             _ => raw(c),
         }
     }
 }
 
 const _: () = assert!(SH == 11);
+
+/// What stands for full colour in three properties of these types; `None` unless all are there and alike.
+fn full_colour(scalars: [Option<Scalar>; 3]) -> Option<f32> {
+    let first = scalars[0].filter(|_| scalars.iter().all(|s| *s == scalars[0]))?;
+    Some(match first {
+        Scalar::U16 => 65535.0,
+        Scalar::F32 | Scalar::F64 => 1.0,
+        _ => 255.0,
+    })
+}
 
 /// The log-scale after a kernel of standard deviation `filter` is added.
 fn smoothed(log_scale: f32, filter: f32) -> f32 {

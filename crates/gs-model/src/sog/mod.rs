@@ -63,7 +63,7 @@ fn read(file: &Path, bytes: &[u8]) -> Result<(Scene, Report)> {
         Members::Folder(_) => images.iter().map(|image| image.len() as u64).sum(),
         Members::Archive(..) => 0,
     };
-    Ok((scene, Report { bytes_beside, ..Report::of(FORMAT.name, form) }))
+    Ok((scene, Report { bytes_beside, notes: meta.notes, ..Report::of(FORMAT.name, form) }))
 }
 
 fn malformed(file: &Path, place: &str, reason: impl AsRef<str>) -> Error {

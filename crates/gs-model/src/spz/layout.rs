@@ -2,9 +2,10 @@
 
 use std::path::Path;
 
-use crate::axes::ABOUT_X;
+use crate::axes::Signs;
 use crate::bytes::word;
 use crate::error::{Error, Result};
+use crate::report::DEGREE_4;
 use crate::rows::{self, SH};
 use crate::scene::{Scene, sh_len};
 use crate::splat::opacity_logit;
@@ -27,8 +28,8 @@ impl SpzLayout {
         fractional_bits: u8,
     ) -> Result<Self> {
         let bad = |reason: &str| Err(Error::malformed(file, "SPZ header", reason));
-        if sh_degree > 3 {
-            return bad("an SH degree above 3; lower it with the tool that wrote the file");
+        if sh_degree > 4 {
+            return bad("an SH degree above 4; lower it with the tool that wrote the file");
         }
         if fractional_bits > 31 {
             return bad("more than 31 fractional bits");
@@ -42,11 +43,16 @@ impl SpzLayout {
         [9, 1, 3, 3, rotation, 3 * (sh_len(self.sh_degree) - 1)]
     }
 
-    /// The scene of `n` Gaussians whose attributes are `streams`, in file order.
-    pub(super) fn scene(&self, streams: [&[u8]; 6], n: usize) -> Scene {
+    /// What a scene does not keep, a sentence each.
+    pub(super) fn notes(&self) -> Vec<String> {
+        if self.sh_degree > 3 { vec![DEGREE_4.into()] } else { Vec::new() }
+    }
+
+    /// The scene of `n` Gaussians whose attributes are `streams`, in file order. The axes get these signs.
+    pub(super) fn scene(&self, streams: [&[u8]; 6], n: usize, signs: &Signs) -> Scene {
         let sizes = self.sizes();
         let unit = 1.0 / f64::from(1u32 << self.fractional_bits);
-        rows::scene_of(n, self.sh_degree, |i| {
+        rows::scene_of(n, self.sh_degree.min(3), |i| {
             let at = |k: usize| &streams[k][i * sizes[k]..(i + 1) * sizes[k]];
             let [position, opacity, colour, log_scale, rotation, sh] = std::array::from_fn(at);
             let mean = [0, 1, 2].map(|k| (unit * f64::from(fixed24(&position[3 * k..]))) as f32);
@@ -54,14 +60,14 @@ impl SpzLayout {
                 2 => first_three(rotation),
                 _ => smallest_three(word(rotation, 0)),
             };
-            let (mean, q) = (ABOUT_X.mean(mean), ABOUT_X.rotation(q));
+            let (mean, q) = (signs.mean(mean), signs.rotation(q));
             move |c| match c {
                 0..3 => mean[c],
                 3..7 => q[c - 3],
                 7..10 => f32::from(log_scale[c - 7]) / 16.0 - 10.0,
                 10 => opacity_logit(opacity[0]),
                 11..14 => (f32::from(colour[c - SH]) / 255.0 - 0.5) / COLOUR_SCALE,
-                _ => ABOUT_X.sh((c - SH) / 3, (f32::from(sh[c - SH - 3]) - 128.0) / 128.0),
+                _ => signs.sh((c - SH) / 3, (f32::from(sh[c - SH - 3]) - 128.0) / 128.0),
             }
         })
     }

@@ -7,6 +7,7 @@ use rayon::prelude::*;
 use ruzstd::decoding::StreamingDecoder;
 
 use super::layout::SpzLayout;
+use super::records::Records;
 use super::{READ, broken, short};
 use crate::bytes::word;
 use crate::error::{Error, Result};
@@ -19,8 +20,11 @@ pub(super) const ENTRY: usize = 16;
 /// 1.2 to 3. The bound stops a small file from claiming a large memory.
 const MAX_RATIO: u64 = 1024;
 
-/// The layout, the number of Gaussians, and the decompressed attributes in file order.
-pub(super) fn parse(file: &Path, bytes: &[u8]) -> Result<(SpzLayout, usize, [Vec<u8>; 6])> {
+/// The layout, the number of Gaussians, the decompressed attributes in file order, and the extension records.
+pub(super) fn parse(
+    file: &Path,
+    bytes: &[u8],
+) -> Result<(SpzLayout, usize, [Vec<u8>; 6], Records)> {
     let bad = |reason: &str| Error::malformed(file, "SPZ header", reason);
     let header = || Error::truncated(file, bytes.len(), "the header is not whole");
     if bytes.len() < 8 {
@@ -51,6 +55,7 @@ pub(super) fn parse(file: &Path, bytes: &[u8]) -> Result<(SpzLayout, usize, [Vec
     if toc < HEADER || body > bytes.len() {
         return Err(bad("its table of contents is outside the file"));
     }
+    let records = Records::of(file, bytes[14], &bytes[HEADER..toc])?;
     let mut at = body;
     let mut parts: Vec<(usize, &[u8])> = Vec::with_capacity(present.len());
     for (i, &k) in present.iter().enumerate() {
@@ -77,7 +82,7 @@ pub(super) fn parse(file: &Path, bytes: &[u8]) -> Result<(SpzLayout, usize, [Vec
         }
         streams[k] = data;
     }
-    Ok((layout, promised as usize, streams))
+    Ok((layout, promised as usize, streams, records))
 }
 
 /// At most `len` bytes of a Zstandard frame.

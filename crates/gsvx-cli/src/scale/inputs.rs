@@ -2,7 +2,7 @@
 
 use crate::encode::transparent;
 use crate::exit::note;
-use crate::input::{Reading, cannot_read, name, open};
+use crate::input::{Reading, cannot_read, name, open, say_notes};
 use crate::output::is_stdio;
 use crate::progress::Meter;
 use anyhow::{Context, Result, anyhow, bail};
@@ -82,7 +82,7 @@ impl SceneFile {
         };
         let Some(mut parts) = reading.parts(&self.path)? else {
             // Formats that are read whole.
-            take(reading.model(&self.path)?.scene)?;
+            take(reading.model(&self.path, say)?.scene)?;
             (0..self.bytes / STEP).for_each(|_| bar.inc());
             return Ok((all - transparent, transparent));
         };
@@ -90,9 +90,8 @@ impl SceneFile {
             take(scene)?;
             bar.inc();
         }
-        let skipped = parts.gaussians_in_file() as u64 - all;
-        if say && skipped > 0 {
-            note(format_args!("skipped: {skipped} invalid Gaussians of {}", name(&self.path)));
+        if say {
+            say_notes(&self.path, &parts.report());
         }
         Ok((all - transparent, transparent))
     }

@@ -73,21 +73,25 @@ def name_of(source: Any) -> str:
     return name if isinstance(name, str) else "stream"
 
 
-def read_model(path: PathLike, *, drop_invalid: bool = False) -> Splats:
+def read_model(path: PathLike, *, drop_invalid: bool = False, axes: str = "turn") -> Splats:
     """Reads a model: any format that gsvx knows, such as PLY in the Inria layout, SPZ and .splat, or a stream.
 
-    Gaussians keep the order of the file. ``drop_invalid``: leave out Gaussians with NaN, infinity or a zero
-    quaternion instead of failing; a warning says how many. Columns that are not part of a model are not
-    read.
+    Gaussians keep the order of the file. ``drop_invalid``: leave out Gaussians with NaN, an infinite mean, scale
+    or colour, or a zero quaternion instead of failing. Infinite opacities and scales of 0 are valid: they are read
+    as the largest or smallest. ``axes``: ``"turn"`` turns SPZ files from the axes that they declare, or else from
+    those of the specification, to those of PLY files; ``"keep"`` leaves the numbers as they are, as Niantic's
+    ply_to_spz does. A warning says what of the file was not kept, or was read as something else.
 
     Returns a dict of float32 arrays with gsplat's names; see :func:`gsvx.compress`. ``sh0`` and ``shN`` are
     views of one array.
 
     Raises :class:`gsvx.Error` for a file that holds no model, OSError for one that cannot be read.
     """
-    arrays, left_out = _gsvx.read_model(os.fspath(path), drop_invalid)
-    if left_out is not None:
-        warnings.warn(left_out, stacklevel=2)
+    if axes not in ("turn", "keep"):
+        raise ValueError(f'axes: {axes!r}; use "turn" or "keep"')
+    arrays, notes = _gsvx.read_model(os.fspath(path), drop_invalid, axes == "keep")
+    for note in notes:
+        warnings.warn(note, stacklevel=2)
     return from_native(arrays)
 
 

@@ -51,7 +51,12 @@ impl PackedRows<'_> {
             return t;
         }
         let bound = |k: usize| f64::from(self.bounds.float(index / CHUNK, k));
-        bound(low) * (1.0 - t) + bound(low + 3) * t
+        // A bound may be infinite: that of a scale of 0 is.
+        match t {
+            0.0 => bound(low),
+            1.0 => bound(low + 3),
+            _ => bound(low) * (1.0 - t) + bound(low + 3) * t,
+        }
     }
 }
 

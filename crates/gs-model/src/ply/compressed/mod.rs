@@ -13,12 +13,12 @@ mod write;
 
 use std::path::Path;
 
-use super::columns::{rest_count, rest_names};
+use super::columns::{rest_count, rest_degree, rest_names};
 use super::header::{Encoding, PlyHeader, Scalar};
 use crate::error::{Error, Result};
 use crate::format::Format;
-use crate::report::Report;
-use crate::scene::{Scene, sh_len};
+use crate::report::{DEGREE_4, Report};
+use crate::scene::Scene;
 use layout::PackedRows;
 use table::ElementTable;
 
@@ -50,11 +50,16 @@ pub(super) fn read(file: &Path, bytes: &[u8], header: &PlyHeader) -> Result<(Sce
         return Err(malformed(file, "header", "it is not binary_little_endian"));
     }
     let (n, sh_degree, decoder) = decoder(file, bytes, header)?;
-    let scene = decoder.scene(n, sh_degree);
-    Ok((scene, Report::of(FORMAT.name, "PlayCanvas compressed.ply")))
+    let scene = decoder.scene(n, sh_degree.min(3));
+    let mut report = Report::of(FORMAT.name, "PlayCanvas compressed.ply");
+    report.notes = header.notes(&["vertex", "chunk", "sh"], 0);
+    if sh_degree > 3 {
+        report.notes.push(DEGREE_4.into());
+    }
+    Ok((scene, report))
 }
 
-/// The number of Gaussians, their SH degree, and where the file holds them.
+/// The number of Gaussians, their SH degree in the file, and where the file holds them.
 fn decoder<'a>(
     file: &Path,
     bytes: &'a [u8],
@@ -70,15 +75,10 @@ fn decoder<'a>(
     if chunks.rows < n.div_ceil(CHUNK) {
         return Err(malformed(file, "element \"chunk\"", "it has fewer rows than vertices need"));
     }
-    let sh = table("sh")?;
-    let sh_degree = match &sh {
-        None => 0,
-        Some(sh) => {
-            let fits = (1..=3u8).find(|&d| 3 * (sh_len(d) - 1) == sh.properties());
-            let count = sh.properties();
-            fits.ok_or_else(|| rest_count(file, count))?
-        }
-    };
+    // Some writers declare the element without a property where the degree is 0.
+    let sh = table("sh")?.filter(|sh| sh.properties() > 0);
+    let count = sh.as_ref().map_or(0, ElementTable::properties);
+    let sh_degree = rest_degree(count).ok_or_else(|| rest_count(file, "sh", count))?;
     if sh.as_ref().is_some_and(|sh| sh.rows != n) {
         return Err(malformed(file, "element \"sh\"", "it has other rows than \"vertex\""));
     }

@@ -1,0 +1,200 @@
+//! [`Placement`]: any rotation or mirror, with a uniform scale and a shift.
+
+use rayon::prelude::*;
+
+use crate::math::{Matrix, quaternion, quaternion_product, sh_basis};
+use crate::scene::Scene;
+
+/// Largest difference of a matrix from a rotation or mirror of uniform scale, relative to the scale. Matrices of
+/// files are floats.
+const TOLERANCE: f64 = 1e-4;
+
+const IDENTITY: Matrix = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+
+/// A point `p` goes to `matrix p + shift`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Placement {
+    /// Rows.
+    pub(crate) matrix: Matrix,
+    pub(crate) shift: [f64; 3],
+}
+
+impl Placement {
+    /// Everything stays where it is.
+    pub(crate) const STAYING: Self = Self { matrix: IDENTITY, shift: [0.0; 3] };
+
+    fn point(&self, p: [f64; 3]) -> [f64; 3] {
+        std::array::from_fn(|i| {
+            self.shift[i] + (0..3).map(|k| self.matrix[i][k] * p[k]).sum::<f64>()
+        })
+    }
+
+    /// The matrix without its scale, and the scale; `None` if it shears, scales axes apart, has no extent or is
+    /// not finite.
+    fn turn_and_scale(&self) -> Option<(Matrix, f64)> {
+        let square: f64 = self.matrix.as_flattened().iter().map(|v| v * v).sum();
+        let scale = (square / 3.0).sqrt();
+        if !scale.is_normal() || self.shift.iter().any(|v| !v.is_finite()) {
+            return None;
+        }
+        let turn = self.matrix.map(|row| row.map(|v| v / scale));
+        let dot = |i: usize, j: usize| (0..3).map(|k| turn[i][k] * turn[j][k]).sum::<f64>();
+        let off = |i: usize, j: usize| (dot(i, j) - IDENTITY[i][j]).abs();
+        let fits = (0..3).all(|i| (0..3).all(|j| off(i, j) < TOLERANCE));
+        fits.then_some((turn, scale))
+    }
+
+    /// Places a scene. False, and nothing is done, if the matrix shears or scales axes apart.
+    pub(crate) fn scene(&self, scene: &mut Scene) -> bool {
+        if *self == Self::STAYING {
+            return true;
+        }
+        let Some((turn, scale)) = self.turn_and_scale() else { return false };
+        // The shift is of what lies at the origin plus the means.
+        let turned = Self { shift: [0.0; 3], ..*self };
+        scene.origin = turned.point(scene.origin);
+        scene.means.par_iter_mut().for_each(|mean| {
+            *mean = self.point(mean.map(f64::from)).map(|v| v as f32);
+        });
+        if scale != 1.0 {
+            let longer = libm::log(scale) as f32;
+            scene.log_scales.par_iter_mut().for_each(|s| *s = s.map(|v| v + longer));
+        }
+        if turn != IDENTITY {
+            let rotation = rotation(&turn);
+            scene.rotations.par_iter_mut().for_each(|q| {
+                *q = quaternion_product(rotation, q.map(f64::from)).map(|v| v as f32);
+            });
+            turn_sh(scene, &turn);
+        }
+        true
+    }
+}
+
+/// The quaternion of a rotation, or of the rotation that a mirror is but for the sign of all axes: a Gaussian
+/// looks the same with all its axes turned round.
+fn rotation(turn: &Matrix) -> [f64; 4] {
+    let [a, b, c] = *turn;
+    let cross = [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+    let determinant: f64 = (0..3).map(|k| cross[k] * c[k]).sum();
+    quaternion(&turn.map(|row| row.map(|v| v * determinant.signum())))
+}
+
+/// Turns the SH coefficients: the function in the direction `turn d` is what it was in the direction `d`.
+fn turn_sh(scene: &mut Scene, turn: &Matrix) {
+    let matrix = sh_matrix(turn);
+    let per_gaussian = scene.sh_len();
+    if per_gaussian == 1 {
+        return;
+    }
+    scene.sh.par_chunks_mut(per_gaussian).for_each(|sh| {
+        let old: [[f64; 3]; 16] =
+            std::array::from_fn(|k| sh.get(k).map_or([0.0; 3], |rgb| rgb.map(f64::from)));
+        for (k, rgb) in sh.iter_mut().enumerate().skip(1) {
+            let degree = k.isqrt();
+            let own = degree * degree..(degree + 1) * (degree + 1);
+            *rgb = std::array::from_fn(|c| {
+                own.clone().map(|j| matrix[k][j] * old[j][c]).sum::<f64>() as f32
+            });
+        }
+    });
+}
+
+/// The coefficients that each basis function has after the turn: column `j` is turned basis function `j`.
+///
+/// They are integrals over the sphere of products of two basis functions. The 26 points of Lebedev's rule, which
+/// lie in the directions of a cube's faces, edges and corners, integrate polynomials up to degree 7 exactly.
+fn sh_matrix(turn: &Matrix) -> [[f64; 16]; 16] {
+    /// Of points with one, two and three coordinates that are not zero.
+    const WEIGHTS: [f64; 3] = [1.0 / 21.0, 4.0 / 105.0, 9.0 / 280.0];
+    let mut matrix = [[0.0; 16]; 16];
+    for point in 0..27usize {
+        let d = [point % 3, point / 3 % 3, point / 9].map(|v| v as f64 - 1.0);
+        let square: f64 = d.iter().map(|v| v * v).sum();
+        if square == 0.0 {
+            continue;
+        }
+        let weight = 4.0 * std::f64::consts::PI * WEIGHTS[square as usize - 1];
+        let d = d.map(|v| v / square.sqrt());
+        let back = std::array::from_fn(|j| (0..3).map(|i| turn[i][j] * d[i]).sum());
+        let (new, old) = (sh_basis::values(d), sh_basis::values(back));
+        for (row, n) in matrix.iter_mut().zip(new) {
+            row.iter_mut().zip(old).for_each(|(m, o)| *m += weight * n * o);
+        }
+    }
+    matrix
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::{axes_product, rotation as matrix_of};
+
+    fn one() -> Scene {
+        Scene {
+            means: vec![[1.0, -2.0, 3.0]],
+            rotations: vec![[0.5, 0.1, 0.2, 0.3]],
+            log_scales: vec![[-1.0, -2.0, -3.0]],
+            opacity_logits: vec![0.5],
+            sh_degree: 3,
+            sh: (0..16).map(|k| [0.1, 0.7, -0.3].map(|v| v * (k * k % 7) as f32)).collect(),
+            ..Scene::default()
+        }
+    }
+
+    fn colour(scene: &Scene, d: [f64; 3]) -> f64 {
+        let basis = sh_basis::values(d);
+        scene.sh.iter().zip(basis).map(|(rgb, b)| f64::from(rgb[1]) * b).sum()
+    }
+
+    fn covariance(scene: &Scene) -> [f64; 6] {
+        let variances = scene.log_scales[0].map(|s| libm::exp(2.0 * f64::from(s)));
+        axes_product(&matrix_of(scene.rotations[0]), variances)
+    }
+
+    /// A third of a turn about an axis in no special direction, and a mirror.
+    fn turns() -> [Matrix; 2] {
+        let turn = matrix_of([0.5, 0.1, -0.7, 0.4]);
+        [turn, [turn[1], turn[0], turn[2]]]
+    }
+
+    #[test]
+    fn a_placed_gaussian_looks_the_same_from_the_placed_direction() {
+        for turn in turns() {
+            let placement =
+                Placement { matrix: turn.map(|row| row.map(|v| 2.0 * v)), shift: [5.0, 6.0, 7.0] };
+            let (before, mut after) = (one(), one());
+            assert!(placement.scene(&mut after));
+            for d in [[0.6, 0.0, 0.8], [0.36, -0.48, 0.8], [0.0, -1.0, 0.0]] {
+                let turned = std::array::from_fn(|i| (0..3).map(|k| turn[i][k] * d[k]).sum());
+                assert!((colour(&before, d) - colour(&after, turned)).abs() < 1e-6);
+            }
+            // The covariance of the placed Gaussian is that of placed points.
+            let [xx, yy, zz, xy, xz, yz] = covariance(&before);
+            let old = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]];
+            let at = |i: usize, j: usize| -> f64 {
+                let pairs = (0..3).flat_map(|k| (0..3).map(move |l| (k, l)));
+                pairs.map(|(k, l)| 4.0 * turn[i][k] * old[k][l] * turn[j][l]).sum()
+            };
+            let expected = [at(0, 0), at(1, 1), at(2, 2), at(0, 1), at(0, 2), at(1, 2)];
+            for (a, b) in covariance(&after).into_iter().zip(expected) {
+                assert!((a - b).abs() < 1e-6, "{a} {b}");
+            }
+            let mean = placement.point([1.0, -2.0, 3.0]);
+            assert_eq!(after.means[0], mean.map(|v| v as f32));
+        }
+    }
+
+    #[test]
+    fn shear_and_uneven_scales_are_refused() {
+        let [turn, _] = turns();
+        let mut uneven = turn;
+        uneven[0] = uneven[0].map(|v| 1.01 * v);
+        let sheared = [[1.0, 0.1, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        for matrix in [uneven, sheared, [[0.0; 3]; 3], [[f64::NAN; 3]; 3]] {
+            let mut scene = one();
+            assert!(!Placement { matrix, shift: [0.0; 3] }.scene(&mut scene));
+            assert_eq!(scene, one());
+        }
+    }
+}

@@ -1,0 +1,103 @@
+//! Values at the limits of their range: an opacity of 0 or 1, a scale of 0.
+//!
+//! Their logits and logarithms are infinite, and writers leave them so. Such Gaussians are valid. Here they get
+//! finite numbers that look the same.
+
+use rayon::prelude::*;
+
+use crate::scene::Scene;
+
+/// The logit that stands for an opacity of 1, and its negative for one of 0.
+///
+/// The sigmoid of -10 is 4.5e-5, far below the 1/255 under which a Gaussian is not drawn, and
+/// that of +10 is as near to 1, above the 0.99 at which renderers cap alpha.
+pub const CLAMPED_OPACITY_LOGIT: f32 = 10.0;
+
+/// Natural logarithm of a disc's thickness, relative to the shortest of its other axes.
+pub(crate) const LOG_THICKNESS: f32 = -6.907_755_4;
+
+/// The log-scales of a Gaussian all of whose scales are 0: that of the least normal float.
+const POINT: f32 = -87.336_55;
+
+/// A log-scale below this is no logarithm but stands for that of 0. That of the least double is -745.
+const BELOW_LOGARITHMS: f32 = -1e6;
+
+/// How many Gaussians had values at a limit.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Limits {
+    /// Of an opacity of 1: logit +inf.
+    pub opaque: usize,
+    /// Of an opacity of 0: logit -inf.
+    pub transparent: usize,
+    /// With a scale of 0: log-scale -inf, or below any logarithm, such as the lowest float.
+    pub flat: usize,
+}
+
+impl Limits {
+    /// Counts those of other Gaussians too.
+    #[must_use]
+    pub fn plus(self, other: Self) -> Self {
+        Self {
+            opaque: self.opaque + other.opaque,
+            transparent: self.transparent + other.transparent,
+            flat: self.flat + other.flat,
+        }
+    }
+
+    /// What became of them: a sentence for each kind that there is.
+    #[must_use]
+    pub fn sentences(self) -> Vec<String> {
+        let say = |n: usize, one: &str, many: &str, then: &str| {
+            (n > 0).then(|| format!("{n} {}; read as {then}", if n == 1 { one } else { many }))
+        };
+        let all = [
+            say(self.opaque, "opacity is infinite", "opacities are infinite", "the largest"),
+            say(
+                self.transparent,
+                "opacity is minus infinity",
+                "opacities are minus infinity",
+                "the smallest",
+            ),
+            say(
+                self.flat,
+                "Gaussian has a scale of 0",
+                "Gaussians have a scale of 0",
+                "a thousandth of the shortest other scale",
+            ),
+        ];
+        all.into_iter().flatten().collect()
+    }
+}
+
+impl Scene {
+    /// Replaces infinite opacity logits by plus or minus [`CLAMPED_OPACITY_LOGIT`], and the log-scales of axes
+    /// without extent by that of a thin disc. Returns how many there were. An infinite scale stays: it is invalid.
+    pub fn clamp_limits(&mut self) -> Limits {
+        let logits = self.opacity_logits.par_iter_mut().with_min_len(1 << 14);
+        let opacities = logits.filter(|l| l.is_infinite()).map(|logit| {
+            let opaque = usize::from(*logit > 0.0);
+            *logit = CLAMPED_OPACITY_LOGIT.copysign(*logit);
+            Limits { opaque, transparent: 1 - opaque, flat: 0 }
+        });
+        let opacities = opacities.reduce(Limits::default, Limits::plus);
+        let scales = self.log_scales.par_iter_mut().with_min_len(1 << 14);
+        let flat = scales.map(|s| usize::from(thicken(s))).sum();
+        Limits { flat, ..opacities }
+    }
+}
+
+/// Gives the axes of a Gaussian that have no extent a little of it. True if there is one.
+fn thicken(log_scales: &mut [f32; 3]) -> bool {
+    let is_zero = |s: f32| s < BELOW_LOGARITHMS;
+    if !log_scales.iter().any(|&s| is_zero(s)) {
+        return false;
+    }
+    let others = log_scales.iter().copied().filter(|&s| !is_zero(s));
+    let least = others.fold(f32::INFINITY, f32::min);
+    let thin = match least.is_finite() {
+        true => (least + LOG_THICKNESS).max(BELOW_LOGARITHMS),
+        false => POINT,
+    };
+    log_scales.iter_mut().filter(|s| is_zero(**s)).for_each(|s| *s = thin);
+    true
+}
