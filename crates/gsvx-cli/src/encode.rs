@@ -10,6 +10,7 @@ use crate::join::{self, ScenePart};
 use crate::output::{Output, counted};
 use crate::progress::Meter;
 use crate::report::Reporter;
+use crate::views::{Origin, Placed};
 use crate::{loss, max_error, scale, size, views};
 use anyhow::{Context, Result};
 use finetune::{Likeness, Pictures, References};
@@ -207,6 +208,9 @@ fn encode_file(args: &EncodeArgs, job: &Job, report: Reporter) -> Result<()> {
         done.remarks(),
         done.estimate_seconds,
     );
+    if let Some(cameras) = &done.cameras {
+        human += &format!("\n{}", cameras.human());
+    }
     let mut json = done.json();
     for warning in warnings {
         note(format_args!("warning: {name}: {warning}"));
@@ -254,7 +258,8 @@ struct Done {
     made: Made,
     /// What the stream aimed for, and how near it came.
     note: String,
-    /// With cameras: what they see.
+    /// With cameras: where they are from, and what they see.
+    cameras: Option<Origin>,
     seen: Option<SeenShare>,
     /// How much less the stream shows than the input, and how long the estimate took.
     loss: Option<Likeness>,
@@ -342,6 +347,7 @@ impl Done {
             "transparent": encoded.transparent,
             "pruned": encoded.pruned,
             "outliers": encoded.outliers(),
+            "cameras": self.cameras.as_ref().map(Origin::json),
             "seen_opacity_share": seen.map(|s| s.of_opacity),
             "unseen": seen.map(|s| s.unseen),
             "hardly_seen": seen.map(|s| s.hardly),
@@ -357,14 +363,14 @@ impl Done {
 
 /// The stream that the flags ask for.
 fn encoded(args: &EncodeArgs, name: &str, scene: Scene) -> Result<Done> {
-    let (mut seen_share, mut importance, mut cameras) = (None, None, None);
+    let (mut seen_share, mut importance, mut cameras, mut origin) = (None, None, None, None);
     if let Some(path) = &args.scene.content.cameras {
-        let training = views::cameras(path)?;
+        let Placed { cameras: training, origin: from } = views::cameras(path)?;
         let seen = views::seen(&scene, &training, path)?;
         let (of_opacity, unseen) = (seen.share, seen.unseen());
         seen_share = Some(SeenShare { of_opacity, unseen, hardly: 0, kept: 0 });
         importance = Some(seen.weights);
-        cameras = Some(training);
+        (cameras, origin) = (Some(training), from);
     }
     // PSNR and loss are measured against the input before pruning.
     let references = args.target_psnr.and(cameras.as_ref()).map(|c| references(&scene, c));
@@ -399,6 +405,7 @@ fn encoded(args: &EncodeArgs, name: &str, scene: Scene) -> Result<Done> {
     let loss = loss.with_context(|| name.to_owned())?.flatten();
     Ok(Done {
         note: aimed(args, &made),
+        cameras: origin,
         seen: seen_share,
         unseen_estimate: estimated && loss.is_none(),
         loss,

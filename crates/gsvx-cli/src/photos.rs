@@ -2,17 +2,20 @@
 
 use crate::exit::note;
 use crate::progress::Meter;
-use crate::views;
 use anyhow::{Context, Result};
 use finetune::TrainView;
-use gs_model::{Camera, Scene};
+use gs_model::{Camera, Scene, View};
 use std::path::Path;
 use tune::Targets;
 
-/// Training views with their photos; none, with a warning, if there are no photos at all.
-pub(crate) fn photos(scene: &Scene, path: &Path, force: bool) -> Result<Vec<TrainView>> {
-    let training = views::training(path, views::read(path)?)?;
-    let mut found = tune::photos(path, &training)?;
+/// Training views, which `path` names, with their photos; none, with a warning, if there are no photos at all.
+pub(crate) fn photos(
+    scene: &Scene,
+    path: &Path,
+    training: &[View],
+    force: bool,
+) -> Result<Vec<TrainView>> {
+    let mut found = tune::photos(path, training)?;
     let checked = found.check(scene, force);
     found.warnings.iter().for_each(|warning| note(format_args!("warning: {warning}")));
     checked.with_context(|| path.display().to_string())?;
