@@ -163,7 +163,6 @@ impl Shader {
             ("ALPHA_MAX", ALPHA_MAX),
             ("SIGMA_MAX", SIGMA_MAX),
             ("BLUR", BLUR),
-            ("NEAR", NEAR),
             ("LOG_SCALE_MAX", LOG_SCALE_MAX),
             ("MIN_QUATERNION_NORM2", MIN_QUATERNION_NORM2),
             ("MAX_QUATERNION_NORM2", MAX_QUATERNION_NORM2),

@@ -17,6 +17,7 @@ fn camera() -> Camera {
         rotation: DMat3::IDENTITY,
         translation: DVec3::new(0.0, 0.0, 4.0),
         lens: None,
+        near: gs_model::NEAR,
     }
 }
 

@@ -22,6 +22,7 @@ fn straight(width: u32, height: u32, focal: f64) -> Camera {
         rotation: glam::DMat3::IDENTITY,
         translation: glam::DVec3::ZERO,
         lens: None,
+        near: gs_model::NEAR,
     }
 }
 

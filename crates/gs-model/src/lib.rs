@@ -53,10 +53,6 @@ mod axes;
 mod bytes;
 #[cfg(feature = "cameras")]
 pub mod camera;
-#[cfg(feature = "cameras")]
-mod camera_json;
-#[cfg(feature = "cameras")]
-mod camera_places;
 mod chain;
 mod codec;
 #[cfg(feature = "cameras")]
@@ -96,8 +92,6 @@ mod nerfstudio;
 mod order;
 #[cfg(feature = "cameras")]
 mod photos;
-#[cfg(feature = "cameras")]
-mod pinholes;
 #[cfg(feature = "files")]
 pub mod ply;
 #[cfg(feature = "files")]
@@ -116,11 +110,11 @@ pub mod validate;
 
 pub use axes::Axes;
 #[cfg(feature = "cameras")]
-pub use camera::{Camera, View};
-pub use chain::{chain, printable};
+pub use camera::{Camera, NEAR, View};
+pub use chain::chain;
 pub use codec::Codec;
 #[cfg(feature = "cameras")]
-pub use dataset::{CameraSet, Dataset};
+pub use dataset::Dataset;
 #[cfg(feature = "files")]
 pub use error::{Error, Result};
 #[cfg(feature = "files")]
@@ -130,9 +124,7 @@ pub use limits::{CLAMPED_OPACITY_LOGIT, Limits};
 #[cfg(feature = "files")]
 pub use order::morton_order;
 #[cfg(feature = "cameras")]
-pub use photos::{photos_beside, unread_photos_beside};
-#[cfg(feature = "cameras")]
-pub use pinholes::{pinholes, refuse_wide, too_wide};
+pub use photos::photos_beside;
 #[cfg(feature = "files")]
 pub use report::{FileAxes, Invalid, ReadOptions, Report};
 pub use scene::{LEAST_DRAWN_LOGIT, SH_C0, Scene, sh_len};

@@ -5,10 +5,10 @@ use crate::background::run;
 use crate::error::{Fault, Result};
 use finetune::framing::{self, Constraints};
 use glam::{DMat3, DVec3};
-use gs_model::dataset::open_cameras;
+use gs_model::dataset::open_views;
 use gs_model::lens::Lens;
-use gs_model::{Camera, CameraSet, View, pinholes, refuse_wide};
-use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray3};
+use gs_model::{Camera, View};
+use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::path::{Path, PathBuf};
@@ -32,6 +32,8 @@ pub(crate) struct CameraArrays<'py> {
     sizes: PyReadonlyArray2<'py, i64>,
     /// Lens models with their coefficients.
     lenses: Vec<Option<(String, Vec<f64>)>>,
+    /// Near planes, (C,).
+    near: PyReadonlyArray1<'py, f64>,
     /// Files, or none if they are not known.
     photos: Vec<PathBuf>,
 }
@@ -51,23 +53,12 @@ impl Cameras {
         let both = self.list.iter().cloned().zip(self.photos.iter().cloned());
         both.map(|(camera, image_path)| View { camera, image_path }).collect()
     }
-
-    /// Pinhole cameras that show what the photos of these show.
-    pub(crate) fn pinholes(&self) -> Result<Vec<Camera>> {
-        Ok(pinholes(Path::new(&self.name), &self.list)?)
-    }
-
-    /// The cameras, if a picture without distortion can stand for what each shows.
-    pub(crate) fn drawable(self) -> Result<Vec<Camera>> {
-        self.list.iter().try_for_each(|camera| refuse_wide(Path::new(&self.name), camera))?;
-        Ok(self.list)
-    }
 }
 
 impl CameraArrays<'_> {
     pub(crate) fn cameras(&self) -> Result<Cameras> {
         let (poses, intrinsics) = (self.viewmats.as_array(), self.intrinsics.as_array());
-        let sizes = self.sizes.as_array();
+        let (sizes, near) = (self.sizes.as_array(), self.near.as_array());
         let mut list = Vec::with_capacity(self.names.len());
         for (i, name) in self.names.iter().enumerate() {
             let [width, height] = [0, 1].map(|k| u32::try_from(sizes[[i, k]]).unwrap_or(0));
@@ -88,6 +79,7 @@ impl CameraArrays<'_> {
                     .cloned()
                     .flatten()
                     .map(|(model, coefficients)| Lens { model, coefficients }),
+                near: near[i],
             };
             list.push(camera.checked(Path::new(&self.name))?);
             if width.max(height) > MAX_EDGE {
@@ -103,15 +95,14 @@ impl CameraArrays<'_> {
     }
 }
 
-/// The views of a folder or of a camera file, sorted by name, as a dict of arrays; with notes on what is unusual.
+/// The views of a folder or of a camera file, sorted by name, as a dict of arrays.
 #[pyfunction]
 pub(crate) fn read_cameras(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyDict>> {
-    let CameraSet { views, notes, .. } = open_cameras(&path).map_err(Fault::from)?;
+    let views = open_views(&path).map_err(Fault::from)?;
     let cameras: Vec<&Camera> = views.iter().map(|v| &v.camera).collect();
     let out = as_arrays(py, &cameras)?;
     let photos: Vec<&Path> = views.iter().map(|v| v.image_path.as_path()).collect();
     out.set_item("photos", photos)?;
-    out.set_item("notes", notes)?;
     Ok(out)
 }
 
@@ -175,5 +166,7 @@ fn as_arrays<'py>(py: Python<'py>, cameras: &[&Camera]) -> PyResult<Bound<'py, P
     let lens = |l: &Lens| (l.model.clone(), l.coefficients.clone());
     let lenses: Vec<_> = cameras.iter().map(|c| c.lens.as_ref().map(lens)).collect();
     out.set_item("lenses", lenses)?;
+    let near: Vec<f64> = cameras.iter().map(|c| c.near).collect();
+    out.set_item("near", PyArray1::from_vec(py, near))?;
     Ok(out)
 }

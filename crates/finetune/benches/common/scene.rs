@@ -37,6 +37,7 @@ pub(crate) fn setup() -> (Scene, Camera, Photo) {
         rotation: glam::DMat3::IDENTITY,
         translation: glam::DVec3::ZERO,
         lens: None,
+        near: gs_model::NEAR,
     };
     let photo = Photo::from(&render(&scene, &camera, &RenderOptions::default()));
     scene.sh.iter_mut().flatten().for_each(|v| *v += r.range_f32(-0.1, 0.1));

@@ -18,24 +18,22 @@ pub struct Ring {
     pub elevation: f64,
 }
 
-/// Renderers show nothing that is nearer than 0.2 units, so no camera stands nearer to the centre than this.
-const NEAREST: f64 = 0.5;
+/// The near plane of a camera over its distance to the centre: nothing depends on the unit of the model.
+const NEAR: f64 = 0.05;
 
 impl Ring {
-    /// A camera at `turn` (in turns) around the circle. Where the circle is too small to see anything from it, the
-    /// camera stands farther away and has a longer lens.
+    /// A camera at `turn` (in turns) around the circle.
     #[must_use]
     pub fn camera(&self, name: String, turn: f64, size: [u32; 2], focal: f64) -> Camera {
         let angle = std::f64::consts::TAU * turn;
         let (right, ahead) = horizon(self.up);
         let (sin, cos) = (libm::sin(angle), libm::cos(angle));
         let raised = self.elevation.to_radians();
-        let radius = self.radius.max(NEAREST);
-        let focal = focal * (radius / self.radius);
-        let (out, up) = (radius * libm::cos(raised), radius * libm::sin(raised));
+        let (out, up) = (self.radius * libm::cos(raised), self.radius * libm::sin(raised));
         let eye = self.centre + out * (cos * right + sin * ahead) + up * self.up;
         let [eye, centre, up] = [eye, self.centre, self.up].map(|v| v.to_array());
-        Camera::looking_at(name, eye, centre, up, size, focal)
+        let camera = Camera::looking_at(name, eye, centre, up, size, focal);
+        Camera { near: NEAR * self.radius, ..camera }
     }
 }
 

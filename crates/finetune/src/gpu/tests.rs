@@ -67,6 +67,7 @@ fn camera(width: u32, height: u32) -> Camera {
         rotation: glam::DMat3::IDENTITY,
         translation: glam::DVec3::new(0.0, 0.0, 0.5),
         lens: None,
+        near: gs_model::NEAR,
     }
 }
 

@@ -45,7 +45,7 @@ impl StepUniform {
         let (rows, eye) = view.pose();
         Self {
             rotation: rows.map(v),
-            eye: v(eye),
+            eye: [eye[0], eye[1], eye[2], l.near],
             lens: [l.fx, l.fy, l.cx, l.cy],
             limits: [l.lo_x, l.hi_x, l.lo_y, l.hi_y],
             background: v(view.background),

@@ -8,7 +8,6 @@ mod consts {
     pub(super) const SIGMA_MAX: f64 = 700.0;
     pub(super) const LOG_SCALE_MAX: f64 = 40.0;
     pub(super) const BLUR: f64 = 0.3;
-    pub(super) const NEAR: f64 = 0.2;
     pub(super) const MIN_QUATERNION_NORM2: f64 = 1e-30;
     pub(super) const MAX_QUATERNION_NORM2: f64 = 1e30;
 }
@@ -178,6 +177,7 @@ fn all_gradients_agree_with_central_differences() {
         )),
         translation: glam::DVec3::new(0.1, -0.2, 0.3),
         lens: None,
+        near: gs_model::NEAR,
     };
     let lens = Lens::new(&camera);
     let mut rng = testing::Rng::seeded(12);

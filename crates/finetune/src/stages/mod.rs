@@ -45,8 +45,6 @@ pub(crate) mod consts {
     pub(crate) const LOG_SCALE_MAX: f32 = 40.0;
     /// Variance of the screen-space low-pass filter, pixels squared.
     pub(crate) const BLUR: f32 = 0.3;
-    /// Gaussians whose depth is at most this are culled, as in the reference rasterizer.
-    pub(crate) const NEAR: f32 = 0.2;
     /// Quaternions whose squared norm is outside this range are culled: they cannot be
     /// normalised in f32. The bounds are those of `gs_model`'s validation.
     pub(crate) const MIN_QUATERNION_NORM2: f32 = f32::MIN_POSITIVE;

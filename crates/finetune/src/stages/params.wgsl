@@ -86,7 +86,7 @@ fn frame_of(i: u32) -> Frame {
     let n23 = q2 + q3;
     let norm2 = n01 + n23;
     let turned = norm2 >= MIN_QUATERNION_NORM2 && norm2 <= MAX_QUATERNION_NORM2;
-    f.visible = f.m.z > NEAR && turned && finite(norm2);
+    f.visible = f.m.z > u.eye.w && turned && finite(norm2);
     if (!f.visible) {
         return f;
     }

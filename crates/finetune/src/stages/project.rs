@@ -204,7 +204,7 @@ fn may_be_seen(view: &RenderView, scene: &Scene, first: usize, count: usize) -> 
             | (x - half_x > right * z)
             | (y + half_y < -lens.cy * z)
             | (y - half_y > below * z);
-        seen[l] = u32::from((z > NEAR) & !beside);
+        seen[l] = u32::from((z > lens.near) & !beside);
     }
     seen != [0; LANES]
 }

@@ -139,6 +139,7 @@ mod tests {
             rotation: glam::DMat3::IDENTITY,
             translation: glam::DVec3::ZERO,
             lens: None,
+            near: gs_model::NEAR,
         };
         let options = RenderOptions { background: [0.4, 0.1, 0.8], ..Default::default() };
         let view = RenderView::new(&camera, &options);

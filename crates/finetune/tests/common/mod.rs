@@ -25,6 +25,7 @@ pub fn camera(width: u32, height: u32) -> Camera {
         rotation: glam::DMat3::from_quat(turn),
         translation: glam::DVec3::new(0.1, -0.05, 0.2),
         lens: None,
+        near: gs_model::NEAR,
     }
 }
 

@@ -23,7 +23,8 @@ class Cameras:
     ``sizes``: (C, 2) or (2,), image width and height in pixels. ``names``: one per camera. ``photos``: files
     with the photos, where they are known. ``lenses``: of each camera None, or COLMAP's name of its lens model
     and the coefficients that follow the principal point. Renders have no lens; photos that are compared with
-    them are undistorted. ``name``: what messages call the cameras.
+    them are undistorted. ``near``: (C,) or a number, depth up to which nothing is drawn, world units; 0.2 is that of the
+    rasterizers that models are trained with. ``name``: what messages call the cameras.
     """
 
     viewmats: npt.NDArray[np.float64]
@@ -32,6 +33,7 @@ class Cameras:
     names: List[str] = field(default_factory=list)
     photos: List[str] = field(default_factory=list)
     lenses: List[Optional[Tuple[str, List[float]]]] = field(default_factory=list)
+    near: Union[float, npt.NDArray[np.float64]] = 0.2
     name: str = "cameras"
 
     def __post_init__(self) -> None:
@@ -49,6 +51,13 @@ class Cameras:
         except ValueError as error:
             raise ValueError(f"sizes: shape ({n}, 2) or (2,) expected: {error}") from error
         self.sizes = np.ascontiguousarray(sizes)
+        try:
+            near = np.broadcast_to(as_array(self.near, np.float64, "near"), (n,))
+        except ValueError as error:
+            raise ValueError(f"near: a number or shape ({n},) expected: {error}") from error
+        self.near = np.ascontiguousarray(near)
+        if not np.all(self.near >= 0):
+            raise ValueError("near: numbers of at least 0 expected")
         if n and not np.array_equal(self.viewmats[:, 3], np.tile([0.0, 0, 0, 1], (n, 1))):
             raise ValueError("viewmats: the last row of each must be 0, 0, 0, 1")
         if n and np.any(self.Ks[:, 0, 1] != 0):
@@ -77,6 +86,7 @@ class Cameras:
             pick(self.names),
             pick(self.photos),
             pick(self.lenses),
+            self.near[index],
             self.name,
         )
 
@@ -88,6 +98,7 @@ class Cameras:
             "Ks": self.Ks,
             "sizes": self.sizes,
             "lenses": self.lenses,
+            "near": self.near,
             "photos": self.photos,
         }
 
@@ -100,7 +111,7 @@ def read_cameras(path: PathLike, split: str = "all") -> Cameras:
     """Reads cameras, sorted by image name.
 
     ``path``: a scene folder (COLMAP project, output of Inria's trainer, or one with a transforms.json), a
-    folder or file in it, a cameras.json or a transforms.json. ``split``: "all"; "test" for the first and every 8th after it, which
+    cameras.json or a transforms.json. ``split``: "all"; "test" for the first and every 8th after it, which
     this project and the literature hold out for measuring; "train" for the others. Of a lens that
     distorts ``lenses`` holds the model.
 
@@ -117,14 +128,12 @@ def read_cameras(path: PathLike, split: str = "all") -> Cameras:
 
 def _read(path: PathLike) -> Cameras:
     found = _gsvx.read_cameras(os.fspath(path))
-    for note in found.pop("notes"):
-        warnings.warn(note, stacklevel=3)
     found["photos"] = [os.fspath(photo) for photo in found["photos"]]
     return Cameras(**found, name=os.fspath(path))
 
 
-def _as_cameras(cameras: CamerasLike, training: bool) -> Cameras:
-    """Cameras of any kind; of a path the training views or all. Warns of lenses where renders do not show them."""
+def _as_cameras(cameras: CamerasLike, training: bool, photos: bool = False) -> Cameras:
+    """Cameras of any kind; of a path the training views or all. Warns of lenses unless photos are undistorted."""
     if isinstance(cameras, Cameras):
         return cameras
     if not isinstance(cameras, (str, os.PathLike)):
@@ -139,7 +148,7 @@ def _as_cameras(cameras: CamerasLike, training: bool) -> Cameras:
     if not len(found):
         raise _gsvx.Error(f"{os.fspath(cameras)}: no cameras")
     bent = [lens for lens in found.lenses if lens]
-    if bent and not training:
+    if bent and not photos:
         warnings.warn(
             f"{os.fspath(cameras)}: {len(bent)} of {len(found)} cameras have lens distortion ({bent[0][0]}), "
             "which renders do not show",

@@ -19,6 +19,7 @@ pub(crate) struct Lens {
     pub(crate) hi_x: F,
     pub(crate) lo_y: F,
     pub(crate) hi_y: F,
+    pub(crate) near: F,
 }
 
 impl Lens {
@@ -39,6 +40,7 @@ impl Lens {
             hi_x: ((1.15 * w - camera.cx) / camera.fx) as F,
             lo_y: ((-0.15 * h - camera.cy) / camera.fy) as F,
             hi_y: ((1.15 * h - camera.cy) / camera.fy) as F,
+            near: camera.near as F,
         }
     }
 }
@@ -76,7 +78,7 @@ impl Frame {
         let n23 = q[2] * q[2] + q[3] * q[3];
         let norm2 = n01 + n23;
         let turned = (norm2 >= F(MIN_QUATERNION_NORM2)) & (norm2 <= F(MAX_QUATERNION_NORM2));
-        let in_front = (m.z > F(NEAR)) & turned;
+        let in_front = (m.z > lens.near) & turned;
         let inv_norm = 1.0 / sqrt(norm2);
         let unit = q.map(|c| c * inv_norm);
         let rot = rotation_of(unit[0], unit[1], unit[2], unit[3]);
