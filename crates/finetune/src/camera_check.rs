@@ -51,6 +51,10 @@ pub fn seen_opacity_share(scene: &Scene, weights: &[f32]) -> f64 {
 /// Cameras that see less than this share of a scene's opacity may be those of another scene.
 const LEAST_SEEN: f64 = 0.5;
 
+/// Why cameras do not fit their model, most often.
+pub const MISFIT_CAUSES: &str = "Most often nerfstudio's dataparser_transforms.json is not beside transforms.json, or \
+    the axes (y or z up) or the units differ";
+
 /// What cameras see of a scene.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Visibility {
@@ -102,7 +106,7 @@ impl Visibility {
             s if s < 0.01 => "less than 1 % of the model's opacity".into(),
             s => format!("{:.0} % of the model's opacity", 100.0 * s),
         };
-        Some(format!("these cameras see {part}; are they its own?"))
+        Some(format!("these cameras see {part}; are they its own? {MISFIT_CAUSES}"))
     }
 }
 

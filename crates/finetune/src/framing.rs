@@ -19,7 +19,7 @@ pub use ring::{Placement, Ring};
 
 use bulk::{Bulk, Weigh};
 use glam::DVec3;
-use gs_model::Scene;
+use gs_model::{Camera, Scene};
 use thinned::{FEW, ThinnedScene, thinned};
 
 /// What the caller fixes. `find` chooses what is `None`.
@@ -86,6 +86,34 @@ pub fn find(scene: &Scene, constraints: &Constraints) -> Option<Placement> {
         return Some(found);
     }
     Some(find_around(scene, Bulk::of(scene, Weigh::Alike)?, constraints, Weigh::Alike))
+}
+
+/// `n` views of what matters in a model, of the default size; none of a scene without a Gaussian. They depend on the
+/// model alone.
+#[must_use]
+pub fn around(scene: &Scene, n: u32) -> Vec<Camera> {
+    let constraints = Constraints::default();
+    let Some(found) = find(scene, &constraints) else { return Vec::new() };
+    let focal = 0.5 * f64::from(SIZE[0]) / constraints.tangents[0];
+    found.cameras(n, "around", SIZE, focal)
+}
+
+/// Degrees above and below the horizon.
+const ALL_AROUND: f64 = 40.0;
+
+/// Eight views of what matters in a model from all sides, four from above and four from below. They depend on the model
+/// alone, and not on which way is up: what nobody photographed shows in some of them.
+#[must_use]
+pub fn all_around(scene: &Scene) -> Vec<Camera> {
+    let constraints = Constraints::default();
+    let Some(Placement { ring, best, .. }) = find(scene, &constraints) else { return Vec::new() };
+    let focal = 0.5 * f64::from(SIZE[0]) / constraints.tangents[0];
+    let one = |k: u32| {
+        let (above, turn) = (k < 4, best + 0.25 * f64::from(k) + if k < 4 { 0.0 } else { 0.125 });
+        let elevation = if above { ALL_AROUND } else { -ALL_AROUND };
+        Ring { elevation, ..ring }.camera(format!("all-around-{k}"), turn, SIZE, focal)
+    };
+    (0..8).map(one).collect()
 }
 
 /// `direction` with length 1; as it is if it has none.
@@ -166,7 +194,6 @@ fn lean(thin: &ThinnedScene, ring: &Ring) -> Option<DVec3> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use gs_model::Camera;
 
     /// A sphere of small Gaussians, one unit around `centre`, and a few large ones far away.
     fn sphere(centre: [f32; 3]) -> Scene {

@@ -77,14 +77,13 @@ mod train_view;
 mod view_gradients;
 
 pub use backend::{Backend, BackendReport};
-pub use camera_check::{References, Visibility, seen_opacity_share};
+pub use camera_check::{MISFIT_CAUSES, References, Visibility, seen_opacity_share};
 pub use error::{Error, Result};
 pub use forward::render;
-pub use frustum::MOST as MOST_CAMERAS;
 #[cfg(feature = "gpu")]
 pub use gpu::{Adapter, DeviceOptimiser};
 pub use image::{Image, Photo};
-pub use likeness::{Likeness, Pictures};
+pub use likeness::{Likeness, LossEstimate, Pictures};
 pub use options::{LearningRates, Loss, Profile, RenderOptions};
 pub use photo_check::PhotoCheck;
 pub use saliency::{Saliency, saliency};

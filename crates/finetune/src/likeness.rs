@@ -5,7 +5,7 @@
 //! is that of whole views, from a quarter of the pixels.
 
 use crate::forward::render;
-use crate::framing::{self, Constraints};
+use crate::framing;
 use crate::image::Image;
 use crate::metrics;
 use crate::options::RenderOptions;
@@ -13,19 +13,30 @@ use gs_model::{Camera, Scene};
 
 /// Views that are drawn: of given cameras, and of cameras around what matters. Given cameras differ more in what they see.
 const GIVEN: usize = 8;
-const AROUND: usize = 4;
+const AROUND: u32 = 4;
 /// Pixels of a whole view, at most.
 const PIXELS: u32 = framing::SIZE[0] * framing::SIZE[1];
 /// PSNR of equal pictures, and the greatest that is told, dB.
 const EQUAL: f64 = 99.0;
+/// See [`LossEstimate::is_far_apart`], dB.
+const FAR_APART: f64 = 3.0;
+/// See [`LossEstimate::doubts_cameras`], dB.
+const DOUBTED: f64 = 6.0;
+const DOUBTED_BELOW: f64 = 34.0;
 
 /// The pictures of a model, for comparison with those of another version of it.
+///
+/// Views that decide what is kept of a model cannot judge alone what was kept: wrong cameras look where everything was
+/// kept. So there are always views that depend on the model alone.
 #[derive(Clone, Debug)]
 pub struct Pictures {
-    views: Vec<(Camera, Image)>,
+    /// From some of the given cameras.
+    given: Vec<(Camera, Image)>,
+    /// From places around what matters in the model: with cameras from all sides.
+    around: Vec<(Camera, Image)>,
 }
 
-/// How alike two versions of a model look.
+/// How alike two versions of a model look in some views.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Likeness {
     /// Of the mean squared error of the views, dB; 99 for equal pictures.
@@ -36,47 +47,93 @@ pub struct Likeness {
     pub views: usize,
 }
 
+/// How much less a version of a model shows than the model.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct LossEstimate {
+    /// At some of the given cameras; `None` without cameras, or if they see nothing.
+    pub at_cameras: Option<Likeness>,
+    /// At views that depend on the model alone; `None` if nothing shows in them.
+    pub around: Option<Likeness>,
+}
+
 impl Pictures {
-    /// Draws the model from some of the cameras; without cameras, from places around it.
+    /// Draws the model from places around it, and from some of the cameras.
     #[must_use]
     pub fn of(scene: &Scene, cameras: Option<&[Camera]>) -> Self {
-        let cameras = match cameras {
-            Some(given) => {
-                let step = given.len().div_ceil(GIVEN).max(1);
-                given.iter().step_by(step).cloned().collect()
-            }
-            None => around(scene),
+        let around = match cameras {
+            Some(_) => framing::all_around(scene),
+            None => framing::around(scene, AROUND),
         };
-        let draw = |(i, camera)| {
-            let camera = quarter(camera, i);
-            let image = render(scene, &camera, &RenderOptions::default());
-            (camera, image)
-        };
-        let views: Vec<_> = cameras.iter().enumerate().map(draw).collect();
-        // Where nothing is drawn there is nothing to compare.
-        let shows = views.iter().any(|(_, image)| image.rgb.iter().any(|&v| v > 0.0));
-        Self { views: if shows { views } else { Vec::new() } }
+        let given = cameras.unwrap_or_default();
+        let step = given.len().div_ceil(GIVEN).max(1);
+        let given: Vec<Camera> = given.iter().step_by(step).cloned().collect();
+        Self { given: drawn(scene, &given), around: drawn(scene, &around) }
     }
 
     /// True if the pictures show nothing: there is nothing to compare.
     #[must_use]
     pub fn is_empty(&self) -> bool {
-        self.views.is_empty()
+        self.given.is_empty() && self.around.is_empty()
     }
 
-    /// Compares with another version of the model; `None` if the pictures show nothing.
+    /// Compares with another version of the model.
     #[must_use]
-    pub fn likeness(&self, scene: &Scene) -> Option<Likeness> {
-        let (mut squared_error, mut ssim) = (0.0, 0.0);
-        for (camera, image) in &self.views {
-            let shown = render(scene, camera, &RenderOptions::default());
-            squared_error += metrics::squared_error(&shown, image);
-            ssim += metrics::ssim(&shown, image);
-        }
-        let views = self.views.len();
-        let n = views as f64;
-        let psnr = metrics::decibels(squared_error / n).min(EQUAL);
-        (views > 0).then_some(Likeness { psnr, ssim: ssim / n, views })
+    pub fn compare(&self, scene: &Scene) -> LossEstimate {
+        let [at_cameras, around] = [&self.given, &self.around].map(|views| likeness(views, scene));
+        LossEstimate { at_cameras, around }
+    }
+}
+
+/// Pictures of a scene; none if they show nothing, as there is nothing to compare then.
+fn drawn(scene: &Scene, cameras: &[Camera]) -> Vec<(Camera, Image)> {
+    let draw = |(i, camera)| {
+        let camera = quarter(camera, i);
+        let image = render(scene, &camera, &RenderOptions::default());
+        (camera, image)
+    };
+    let views: Vec<_> = cameras.iter().enumerate().map(draw).collect();
+    let shows = views.iter().any(|(_, image)| image.rgb.iter().any(|&v| v > 0.0));
+    if shows { views } else { Vec::new() }
+}
+
+/// How alike the pictures of another version are; `None` without pictures.
+fn likeness(pictures: &[(Camera, Image)], scene: &Scene) -> Option<Likeness> {
+    let (mut squared_error, mut ssim) = (0.0, 0.0);
+    for (camera, image) in pictures {
+        let shown = render(scene, camera, &RenderOptions::default());
+        squared_error += metrics::squared_error(&shown, image);
+        ssim += metrics::ssim(&shown, image);
+    }
+    let views = pictures.len();
+    let n = views as f64;
+    let psnr = metrics::decibels(squared_error / n).min(EQUAL);
+    (views > 0).then_some(Likeness { psnr, ssim: ssim / n, views })
+}
+
+impl LossEstimate {
+    /// The worse of both; `None` if the pictures show nothing.
+    #[must_use]
+    pub fn worse(&self) -> Option<Likeness> {
+        let all = [self.at_cameras, self.around].into_iter().flatten();
+        all.min_by(|a, b| a.psnr.total_cmp(&b.psnr))
+    }
+
+    /// Whether the loss at the cameras and around the model differs by so much that one figure hides it.
+    #[must_use]
+    pub fn is_far_apart(&self) -> bool {
+        self.at_cameras.zip(self.around).is_some_and(|(a, b)| (a.psnr - b.psnr).abs() > FAR_APART)
+    }
+
+    /// Whether the cameras may not be the model's own: what they chose shows well to them, and badly to views that do
+    /// not depend on them.
+    ///
+    /// Cameras that fit fox, bonsai and the fixture room lose up to 6.5 dB around the model, and 34 dB or more are left.
+    /// Cameras of another frame lose 7 to 40 dB, and 10 to 33 are left.
+    #[must_use]
+    pub fn doubts_cameras(&self) -> bool {
+        self.at_cameras
+            .zip(self.around)
+            .is_some_and(|(a, b)| a.psnr > b.psnr + DOUBTED && b.psnr < DOUBTED_BELOW)
     }
 }
 
@@ -105,12 +162,4 @@ fn quarter(camera: &Camera, index: usize) -> Camera {
     let [left, top] = [right * (camera.width - width), lower * (camera.height - height)];
     let [cx, cy] = [camera.cx - f64::from(left), camera.cy - f64::from(top)];
     Camera { width, height, cx, cy, ..camera }
-}
-
-/// Views of what matters in a model.
-fn around(scene: &Scene) -> Vec<Camera> {
-    let constraints = Constraints::default();
-    let Some(found) = framing::find(scene, &constraints) else { return Vec::new() };
-    let focal = 0.5 * f64::from(framing::SIZE[0]) / constraints.tangents[0];
-    found.cameras(AROUND as u32, "view", framing::SIZE, focal)
 }

@@ -3,11 +3,11 @@
 use crate::attribute_errors::AttributeErrors;
 use crate::exit::{note, usage};
 use crate::input::ReadingAny;
-use crate::output::{Output, empty_folder, is_stdio};
+use crate::output::{Output, is_stdio};
 use crate::pictures;
 use crate::progress::Meter;
 use crate::report::Reporter;
-use crate::views::{Origin, Placed, WhichViews};
+use crate::views::WhichViews;
 use anyhow::Result;
 use finetune::{Image, RenderOptions, metrics, render};
 use gs_model::{Camera, Scene};
@@ -56,10 +56,10 @@ pub(crate) fn run(args: &CompareArgs, report: Reporter) -> Result<()> {
         return Err(usage("only one of the two models can be standard input"));
     }
     let folder = args.output.as_deref();
-    folder.map_or(Ok(()), |folder| empty_folder(folder, args.force))?;
+    folder.map_or(Ok(()), |folder| pictures::folder(folder, args.force))?;
     let (a, _) = args.reading.any(&args.reference)?;
     let (b, _) = args.reading.any(&args.model)?;
-    let Placed { cameras, origin } = args.views.cameras(&a, &args.reference)?;
+    let cameras = args.views.cameras(&a, &args.reference)?;
     let seen = score_views(&a, &b, &cameras);
     let mut order: Vec<_> = seen.iter().collect();
     order.sort_by(|x, y| x.psnr.total_cmp(&y.psnr));
@@ -76,9 +76,6 @@ pub(crate) fn run(args: &CompareArgs, report: Reporter) -> Result<()> {
         format!("{}: {gaussians} Gaussians, SH degree {degree}\n", path.display())
     };
     let mut human = model(&args.reference, &a) + &model(&args.model, &b);
-    if let Some(origin) = &origin {
-        human += &format!("{}\n", origin.human());
-    }
     human +=
         &format!("renders, mean over {} views: PSNR {psnr:.3} dB, SSIM {ssim:.5}\n", seen.len());
     if let Some(worst) = order.first() {
@@ -104,7 +101,6 @@ pub(crate) fn run(args: &CompareArgs, report: Reporter) -> Result<()> {
         "sh_degree": [a.sh_degree, b.sh_degree],
         "psnr": finite(psnr),
         "ssim": finite(ssim),
-        "cameras": origin.as_ref().map(Origin::json),
         "views": seen.iter().map(view).collect::<Vec<_>>(),
         "pictures": pictures,
         "attributes": errors.as_ref().map(AttributeErrors::json),

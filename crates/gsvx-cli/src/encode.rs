@@ -10,10 +10,9 @@ use crate::join::{self, ScenePart};
 use crate::output::{Output, counted};
 use crate::progress::Meter;
 use crate::report::Reporter;
-use crate::views::{Origin, Placed};
-use crate::{loss, max_error, scale, size, views};
+use crate::{loss, max_error, photos, scale, size, views};
 use anyhow::{Context, Result};
-use finetune::{Likeness, Pictures, References};
+use finetune::{LossEstimate, Pictures, References};
 use gs_model::{Camera, Format, Scene, chain};
 use gsvx::importance::with_unseen;
 use gsvx::{
@@ -25,6 +24,7 @@ use std::convert::Infallible;
 use std::ops::ControlFlow;
 use std::path::Path;
 use std::time::Instant;
+use tune::Judged;
 
 pub(crate) const MORE: &str = "gsvx encode --help shows all flags, and examples.";
 
@@ -76,7 +76,7 @@ pub(crate) struct EncodeArgs {
     #[arg(long, conflicts_with_all = ["rate", "target_mbit", "depth", "cameras",
           "max_sh_degree", "prune", "lod", "web", "drop_unseen"])]
     lossless: bool,
-    /// Do not estimate the loss: less time and memory. The stream is the same.
+    /// Do not tell the loss: less time and memory without --cameras. The stream is the same.
     #[arg(long, hide_short_help = true)]
     no_estimate: bool,
     /// Leave out this fraction of the Gaussians first, the least important: those that --cameras
@@ -208,9 +208,6 @@ fn encode_file(args: &EncodeArgs, job: &Job, report: Reporter) -> Result<()> {
         done.remarks(),
         done.estimate_seconds,
     );
-    if let Some(cameras) = &done.cameras {
-        human += &format!("\n{}", cameras.human());
-    }
     let mut json = done.json();
     for warning in warnings {
         note(format_args!("warning: {name}: {warning}"));
@@ -220,14 +217,11 @@ fn encode_file(args: &EncodeArgs, job: &Job, report: Reporter) -> Result<()> {
         json["estimated_loss"] = loss::json(loss);
         // Where positions coincide, another warning says what helps.
         let coincident = warnings.iter().any(|w| matches!(w, EncodeWarning::Coincident(_)));
-        if loss.psnr.round() < Likeness::POOR && !coincident {
-            note(
-                "warning: the loss is easy to see; a higher --quality keeps more, and so does --cameras at \
-                 the same size",
-            );
+        let content = &args.scene.content;
+        let warning = loss::warning(loss, content.drop_unseen, content.cameras.is_some());
+        if let Some(warning) = warning.filter(|_| !coincident) {
+            note(format_args!("warning: {name}: {warning}"));
         }
-    } else if done.unseen_estimate {
-        human += "\nno estimate of the loss: nothing of the model shows in the pictures";
     }
     if args.scene.content.web {
         let snippet = embed(&job.output);
@@ -258,14 +252,13 @@ struct Done {
     made: Made,
     /// What the stream aimed for, and how near it came.
     note: String,
-    /// With cameras: where they are from, and what they see.
-    cameras: Option<Origin>,
+    /// With cameras: what they see.
     seen: Option<SeenShare>,
     /// How much less the stream shows than the input, and how long the estimate took.
-    loss: Option<Likeness>,
+    loss: Option<LossEstimate>,
     estimate_seconds: f64,
-    /// The loss was to be estimated, and the pictures show nothing.
-    unseen_estimate: bool,
+    /// The cameras seem not to be the model's own, so they decided nothing.
+    doubted: bool,
 }
 
 /// How much of a model cameras see.
@@ -333,7 +326,8 @@ impl Done {
                 100.0 * encoded.exact_share()
             ));
         }
-        remarks.extend(self.seen.and_then(|seen| seen.remark(encoded.index.header.count)));
+        let seen = self.seen.filter(|_| !self.doubted);
+        remarks.extend(seen.and_then(|seen| seen.remark(encoded.index.header.count)));
         remarks.join("; ")
     }
 
@@ -347,7 +341,7 @@ impl Done {
             "transparent": encoded.transparent,
             "pruned": encoded.pruned,
             "outliers": encoded.outliers(),
-            "cameras": self.cameras.as_ref().map(Origin::json),
+            "cameras_doubted": self.doubted,
             "seen_opacity_share": seen.map(|s| s.of_opacity),
             "unseen": seen.map(|s| s.unseen),
             "hardly_seen": seen.map(|s| s.hardly),
@@ -363,20 +357,27 @@ impl Done {
 
 /// The stream that the flags ask for.
 fn encoded(args: &EncodeArgs, name: &str, scene: Scene) -> Result<Done> {
-    let (mut seen_share, mut importance, mut cameras, mut origin) = (None, None, None, None);
-    if let Some(path) = &args.scene.content.cameras {
-        let Placed { cameras: training, origin: from } = views::cameras(path)?;
-        let seen = views::seen(&scene, &training, path)?;
-        let (of_opacity, unseen) = (seen.share, seen.unseen());
-        seen_share = Some(SeenShare { of_opacity, unseen, hardly: 0, kept: 0 });
-        importance = Some(seen.weights);
-        (cameras, origin) = (Some(training), from);
+    let content = &args.scene.content;
+    let (mut seen_share, mut importance, mut cameras) = (None, None, None);
+    let mut doubted = false;
+    if let Some(path) = &content.cameras {
+        let training = views::cameras(path)?;
+        doubted = photos::doubt_cameras(&scene, path, content.drop_unseen)?;
+        if !doubted {
+            let seen = views::seen(&scene, &training, path)?;
+            let (of_opacity, unseen) = (seen.share, seen.unseen());
+            seen_share = Some(SeenShare { of_opacity, unseen, hardly: 0, kept: 0 });
+            importance = Some(seen.weights);
+        }
+        cameras = Some(training);
     }
     // PSNR and loss are measured against the input before pruning.
     let references = args.target_psnr.and(cameras.as_ref()).map(|c| references(&scene, c));
     let estimated = !args.no_estimate && !args.lossless;
+    // The stream follows from the cameras only if pictures show that they fit.
+    let judged = importance.is_some() && !content.drop_unseen;
     let (pictures, seconds_before) =
-        timed(|| estimated.then(|| Pictures::of(&scene, cameras.as_deref())));
+        timed(|| (estimated || judged).then(|| Pictures::of(&scene, cameras.as_deref())));
     let measure = references.as_ref().map(|references| |scene: &Scene| references.psnr(scene));
     let mut encoder = args.encoder(args.aim(measure));
     encoder.options.rows = importance.is_some();
@@ -389,7 +390,16 @@ fn encoded(args: &EncodeArgs, name: &str, scene: Scene) -> Result<Done> {
         }
         ControlFlow::Continue(())
     });
-    let made = encoder.encode(&scene).with_context(|| name.to_owned())?;
+    let judged = tune::encode_judged(&mut encoder, &scene, pictures.as_ref());
+    let judged = judged.with_context(|| name.to_owned())?;
+    if let (Some(doubt), Some(path)) = (judged.doubt(), &content.cameras) {
+        doubted = true;
+        note(format_args!(
+            "warning: {}: {doubt}; their importances are not used, but with --drop-unseen they are",
+            path.display()
+        ));
+    }
+    let Judged { made, loss, seconds, .. } = judged;
     let weights = encoder.options.importance.as_ref();
     if let (Some(share), Some(weights), Some(rows)) = (&mut seen_share, weights, &made.encoded.rows)
     {
@@ -399,17 +409,12 @@ fn encoded(args: &EncodeArgs, name: &str, scene: Scene) -> Result<Done> {
         };
         share.count(weights, &least, rows);
     }
-    drop((encoder, scene));
-    let compare = |pictures| tune::estimated_loss(&pictures, &made.encoded.bytes);
-    let (loss, seconds_after) = timed(|| pictures.map(compare).transpose());
-    let loss = loss.with_context(|| name.to_owned())?.flatten();
     Ok(Done {
         note: aimed(args, &made),
-        cameras: origin,
         seen: seen_share,
-        unseen_estimate: estimated && loss.is_none(),
-        loss,
-        estimate_seconds: seconds_before + seconds_after,
+        doubted,
+        loss: loss.filter(|_| estimated),
+        estimate_seconds: seconds_before + seconds,
         made,
     })
 }

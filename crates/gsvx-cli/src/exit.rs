@@ -1,7 +1,5 @@
 //! How the command ends: its exit codes, and the one line that says what went wrong.
 
-use crate::interrupt::INTERRUPTED;
-use crate::output::Ledger;
 use std::fmt::Display;
 use std::io::{ErrorKind, Write};
 use std::path::Path;
@@ -13,11 +11,11 @@ pub(crate) const STDIN: &str = "standard input";
 pub(crate) const CODES: &str = "\
 Exit codes:
     0  the output is complete
-    1  failed: one line on standard error says why; an output appears whole or not at all
+    1  failed: one line on standard error says why, and the output was not touched
     2  wrong usage
     3  the output is complete, but misses the target that was asked for
-  130  interrupted: a line on standard error says which outputs are complete
-  141  the reader of standard output went away before it had the data";
+  130  interrupted: the output was not touched
+  141  the reader of standard output went away";
 
 const FAILED: u8 = 1;
 const USAGE: u8 = 2;
@@ -56,7 +54,6 @@ pub(crate) fn line(error: &anyhow::Error) -> String {
 fn remedy(cause: &(dyn std::error::Error + 'static)) -> Option<String> {
     use gs_model::Error as Model;
     use gsvx::Error as Stream;
-    use tune::Error as Tuning;
     if let Some(error) = cause.downcast_ref::<Model>() {
         return match error {
             Model::InvalidGaussian { .. } => Some("pass --drop-invalid to leave them out".into()),
@@ -66,16 +63,8 @@ fn remedy(cause: &(dyn std::error::Error + 'static)) -> Option<String> {
             _ => None,
         };
     }
-    match cause.downcast_ref() {
-        Some(Tuning::NoPhotos { .. } | Tuning::UnreadPhotos { .. } | Tuning::Photos { .. }) => {
-            return Some("--distil tunes to renders instead".into());
-        }
-        Some(Tuning::GreyPhotos { .. }) => {
-            return Some(
-                "--distil tunes to renders instead, --force-photos to the grey photos".into(),
-            );
-        }
-        _ => {}
+    if let Some(tune::Error::NoPhotos { .. }) = cause.downcast_ref() {
+        return Some("--distil tunes to renders instead".into());
     }
     if let Some(tune::Error::OtherPhotos { .. }) = cause.downcast_ref() {
         return Some("--force-photos uses them".into());
@@ -92,7 +81,6 @@ fn remedy(cause: &(dyn std::error::Error + 'static)) -> Option<String> {
         Stream::Limit { points, .. } => {
             Some(format!("pass --max-gaussians {points} if you trust it"))
         }
-        Stream::TooLarge { .. } => Some("pass --lossless".into()),
         Stream::Truncated { what, .. } if *what != "head" => {
             Some("gsvx decode --salvage writes what is there".into())
         }
@@ -108,20 +96,11 @@ pub(crate) fn code(error: &anyhow::Error) -> u8 {
     if error.chain().any(closed) {
         return READER_GONE;
     }
-    let interrupted = |c: &(dyn std::error::Error + 'static)| {
-        matches!(c.downcast_ref(), Some(tune::Error::Interrupted))
-    };
-    if error.chain().any(interrupted) {
-        let (_ledger, there) = Ledger::close();
-        note(format_args!("error: {}; {there}", line(error)));
-        return INTERRUPTED;
-    }
     note(format_args!("error: {}", line(error)));
     error.chain().find_map(|c| c.downcast_ref()).map_or(FAILED, |coded: &Coded| coded.code)
 }
 
 /// Writes a line to standard error. Nobody can be told if that fails.
 pub(crate) fn note(text: impl Display) {
-    let text = gs_model::printable(&text.to_string());
     let _ = writeln!(std::io::stderr(), "{text}");
 }

@@ -4,11 +4,10 @@
 use crate::exit::note;
 use crate::follow::Follower;
 use crate::input;
-use crate::interrupt;
 use crate::output::{Output, counted};
 use crate::progress::Meter;
 use crate::report::Reporter;
-use crate::views::{self, Origin};
+use crate::views;
 use anyhow::{Context, Result};
 use finetune::TrainView;
 use gs_model::Scene;
@@ -74,7 +73,6 @@ pub(crate) struct PaperJob<'a> {
     pub(crate) input: &'a Path,
     /// Where the cameras come from, for messages.
     pub(crate) cameras: &'a Path,
-    pub(crate) origin: Option<Origin>,
     pub(crate) scene: Scene,
     pub(crate) training: Vec<TrainView>,
     /// Quality and layout of the stream.
@@ -87,7 +85,7 @@ pub(crate) struct PaperJob<'a> {
 
 /// Voxelizes, fine-tunes with the means frozen, writes a stream or a model.
 pub(crate) fn run(args: &PaperArgs, job: PaperJob<'_>, report: Reporter) -> Result<()> {
-    let PaperJob { origin, training, mut options, mut tuning, output, ply, .. } = job;
+    let PaperJob { training, mut options, mut tuning, output, ply, .. } = job;
     let name = || input::name(job.input);
     let cameras: Vec<_> = training.iter().map(|v| v.camera.clone()).collect();
     let seen = views::seen(&job.scene, &cameras, job.cameras)?;
@@ -111,12 +109,8 @@ pub(crate) fn run(args: &PaperArgs, job: PaperJob<'_>, report: Reporter) -> Resu
         scene.append(outliers);
     }
     let steps = tuning.steps;
-    let cancel = tuning.cancel.clone();
     let run = FineTune::new(scene, training, tuning).with_context(name)?;
     let mut follower = Follower::new(steps, run.backend());
-    if let Some(cancel) = cancel {
-        interrupt::sets(cancel);
-    }
     let mut outcome = run.run(|p| follower.see(p)).with_context(name)?;
     follower.end(&outcome.backend);
     let (gaussians, outliers) = (outcome.scene.len(), outcome.scene.len() - voxels.len());
@@ -135,7 +129,6 @@ pub(crate) fn run(args: &PaperArgs, job: PaperJob<'_>, report: Reporter) -> Resu
         format!("{steps} steps in {seconds:.1} s: {reason}\n{target}: {gaussians} Gaussians{size}");
     let json = json!({
         "output": target,
-        "cameras": origin.as_ref().map(Origin::json),
         "gaussians": gaussians,
         "outliers": outliers,
         "bytes": bytes,

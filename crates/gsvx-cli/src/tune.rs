@@ -6,13 +6,12 @@ use crate::follow::{Follower, duration};
 use crate::info::parts;
 use crate::input::{self, Reading};
 use crate::orbit::Orbit;
-use crate::output::{Output, empty_folder};
+use crate::output::Output;
 use crate::paper_tune::{self, PaperArgs, PaperJob};
 use crate::progress::Meter;
 use crate::report::Reporter;
-use crate::views::{self, Origin, Placed};
-use crate::{interrupt, photos, pictures, size};
-use anyhow::{Context, Result};
+use crate::{interrupt, photos, pictures, size, views};
+use anyhow::{Context, Result, bail};
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use finetune::{Backend, RenderOptions, render};
 use gs_model::{Camera, Scene};
@@ -20,8 +19,6 @@ use gsvx::EncodeOptions;
 use indicatif::DecimalBytes;
 use serde_json::json;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 use tune::{
     AgainstInput, FineTuneOptions, Layout, Progress, StopReason, Target, Targets, Tune, TuneEffort,
     TuneOptions, TuneOutcome,
@@ -40,8 +37,10 @@ Examples:
 Ctrl-C, or SIGTERM, ends the tuning early; what has been reached is written. A second one, later, ends
 the command without an output.";
 
-/// A stream that is worse beside the path of the cameras than on it by more than this is warned of, dB.
+/// A stream that is worse away from the cameras than at them by more than this is warned of, unless it shows at most
+/// small differences there, dB.
 const WORSE_ELSEWHERE: f64 = 3.0;
+const WELL_ELSEWHERE: f64 = 35.0;
 /// Steps between two pictures.
 const PICTURED: u64 = 100;
 
@@ -164,25 +163,44 @@ impl TuneArgs {
         }
     }
 
-    /// What the model is tuned to, and where its cameras are from.
-    fn targets(&self, scene: &Scene) -> Result<(Targets, Option<Origin>)> {
-        let path = match (&self.cameras, self.orbit.orbit) {
-            (Some(path), _) => path,
-            (None, Some(n)) => {
-                let cameras = views::around(&self.orbit, n, &self.input, scene)?;
-                return Ok((Targets::Renders(cameras), None));
+    /// What the model is tuned to.
+    fn targets(&self, scene: &Scene) -> Result<Targets> {
+        let cameras = match (&self.cameras, self.orbit.orbit) {
+            (Some(path), _) => {
+                let found = if self.distil {
+                    Vec::new()
+                } else {
+                    photos::photos(scene, path, self.force_photos)?
+                };
+                if !found.is_empty() {
+                    return Ok(Targets::Photos(found));
+                }
+                let cameras = views::cameras(path)?;
+                self.refuse_misfits(scene, &cameras, path)?;
+                cameras
             }
+            (None, Some(n)) => views::around(&self.orbit, n, &self.input, scene)?,
             (None, None) => return Err(usage("give --cameras or --orbit")),
         };
-        let read = views::training(path)?;
-        if !self.distil {
-            let found = photos::photos(scene, path, &read.views, self.force_photos)?;
-            if !found.is_empty() {
-                return Ok((Targets::Photos(found), Some(read.origin)));
-            }
+        Ok(Targets::Renders(cameras))
+    }
+
+    /// Refuses cameras that seem not to be the model's own, where there are no photos that prove them.
+    fn refuse_misfits(&self, scene: &Scene, cameras: &[Camera], path: &Path) -> Result<()> {
+        let quality = self.quality.unwrap_or(tune::DEFAULT_QUALITY);
+        let looking = Meter::spinner("looking from the cameras".into());
+        let doubt = tune::doubt(scene, cameras, quality)?;
+        drop(looking);
+        let path = path.display();
+        match doubt {
+            Some(doubt) if self.drop_unseen => note(format_args!("warning: {path}: {doubt}")),
+            Some(doubt) => bail!(
+                "{path}: {doubt}; --orbit 60 tunes to renders around the model instead, and --drop-unseen to what these \
+                 cameras see alone"
+            ),
+            None => {}
         }
-        let Placed { cameras, origin } = views::as_pinholes(path, read)?;
-        Ok((Targets::Renders(cameras), origin))
+        Ok(())
     }
 
     /// Where to compute, said unless nobody asked.
@@ -209,19 +227,16 @@ pub(crate) fn run(args: &TuneArgs, report: Reporter) -> Result<()> {
     args.check(ply)?;
     let output = Output::open(&args.output, args.force, &[&args.input])?;
     let pictures = args.pictures.as_deref();
-    pictures.map_or(Ok(()), |folder| empty_folder(folder, args.force))?;
+    pictures.map_or(Ok(()), |folder| pictures::folder(folder, args.force))?;
     let backend = args.backend()?;
     let scene = args.reading.model(&args.input, true)?.scene;
-    let (targets, origin) = args.targets(&scene)?;
-    if let Some(origin) = &origin {
-        note(origin.human());
-    }
+    let targets = args.targets(&scene)?;
     let distilled = targets.are_renders();
     let cameras = args.cameras.as_deref().unwrap_or(&args.input);
     if args.profile == Profile::Paper {
         let tuning = FineTuneOptions {
             checkpoint: args.checkpoint.clone(),
-            cancel: Some(Arc::default()),
+            cancel: Some(interrupt::cancel_flag()),
             // With auto, a GPU that fails is followed by the processor.
             backend,
             ..Default::default()
@@ -231,8 +246,7 @@ pub(crate) fn run(args: &TuneArgs, report: Reporter) -> Result<()> {
         args.layout().set(&mut options);
         let input = &*args.input;
         let training = photos::training(&scene, targets);
-        let job =
-            PaperJob { input, cameras, origin, scene, training, options, tuning, output, ply };
+        let job = PaperJob { input, cameras, scene, training, options, tuning, output, ply };
         return paper_tune::run(&args.paper, job, report);
     }
     let outcome = tuned(args, scene, targets, backend)?;
@@ -241,7 +255,7 @@ pub(crate) fn run(args: &TuneArgs, report: Reporter) -> Result<()> {
     } else {
         output.write(|out| Ok(out.write_all(&outcome.encoded.bytes)?))?
     };
-    tell(args, &written.name, origin.as_ref(), distilled, &outcome, report)
+    tell(args, &written.name, distilled, &outcome, report)
 }
 
 /// Says what will be done, and does it.
@@ -257,8 +271,7 @@ fn tuned(args: &TuneArgs, scene: Scene, targets: Targets, backend: Backend) -> R
     options.backend = backend;
     options.seed = args.seed;
     options.checkpoint.clone_from(&args.checkpoint);
-    let cancel = Arc::new(AtomicBool::new(false));
-    options.cancel = Some(Arc::clone(&cancel));
+    options.cancel = Some(interrupt::cancel_flag());
     let mut bar = None;
     let run = Tune::with_progress(scene, targets, options, |_, all| {
         bar.get_or_insert_with(|| Meter::new("input model", all)).inc();
@@ -267,7 +280,6 @@ fn tuned(args: &TuneArgs, scene: Scene, targets: Targets, backend: Backend) -> R
     let run = run.with_context(name)?;
     announce(&run, gaussians, distilled, args.effort);
     let mut follower = Follower::new(run.plan().steps(), run.backend());
-    interrupt::sets(cancel);
     let outcome = run.run(|p| {
         follower.see(p);
         if let Some((folder, camera)) = &pictured
@@ -333,7 +345,6 @@ fn picture(folder: &Path, camera: &Camera, p: &Progress<'_>) -> Result<()> {
 fn tell(
     args: &TuneArgs,
     name: &str,
-    origin: Option<&Origin>,
     distilled: bool,
     outcome: &TuneOutcome,
     report: Reporter,
@@ -346,7 +357,12 @@ fn tell(
         false => format!("the photos kept aside (input model: {:.2} dB)", outcome.input_psnr),
     };
     let elsewhere = outcome.against_input.map_or(String::new(), |shown| {
-        format!("; elsewhere {:.2} dB from renders of the input", shown.elsewhere)
+        let AgainstInput { nearby, around, .. } = shown;
+        let both = match (nearby - around).abs() > WORSE_ELSEWHERE {
+            true => format!(" (near the cameras {nearby:.2}, around the model {around:.2})"),
+            false => String::new(),
+        };
+        format!("; elsewhere {:.2} dB from renders of the input{both}", shown.elsewhere())
     });
     let human = format!(
         "{} steps in {:.1} s: {ended}\n{name}: {gaussians} Gaussians, {}; {:.2} dB at {of}{elsewhere}",
@@ -357,14 +373,13 @@ fn tell(
     );
     let json = json!({
         "output": name,
-        "cameras": origin.map(Origin::json),
         "gaussians": gaussians,
         "outliers": outcome.outliers,
         "bytes": bytes,
         "counted_bytes": outcome.counted_bytes,
         "psnr": outcome.psnr,
         "input_psnr": (!distilled).then_some(outcome.input_psnr),
-        "elsewhere_psnr": outcome.against_input.map(|shown| shown.elsewhere),
+        "elsewhere_psnr": outcome.against_input.map(|shown| shown.elsewhere()),
         "quality": outcome.quality,
         "distilled": distilled,
         "steps": outcome.steps,
@@ -379,16 +394,17 @@ fn tell(
             "warning: the loss is easy to see; use a higher --quality, or a larger target"
         ));
     }
-    if let Some(AgainstInput { aside, elsewhere }) = outcome.against_input
-        && elsewhere < aside - WORSE_ELSEWHERE
+    if let Some(shown) = outcome.against_input
+        && shown.elsewhere() < WELL_ELSEWHERE.min(shown.aside - WORSE_ELSEWHERE)
     {
+        let (aside, elsewhere) = (shown.aside, shown.elsewhere());
         let remedy = if args.drop_unseen {
             "without --drop-unseen the rest is kept"
         } else {
             "more views help"
         };
         note(format_args!(
-            "warning: beside the cameras' path the stream is worse than at the cameras: {elsewhere:.1} against \
+            "warning: away from the cameras the stream is worse than at the cameras: {elsewhere:.1} against \
              {aside:.1} dB from the input; {remedy}"
         ));
     }

@@ -4,7 +4,7 @@ use crate::arrays::SplatArrays;
 use crate::background::{Event, Line, run};
 use crate::cameras::{CameraArrays, Cameras};
 use crate::error::{Fault, Result};
-use finetune::{Likeness, Pictures, References, Visibility};
+use finetune::{LossEstimate, Pictures, References, Visibility};
 use gs_model::{Limits, Scene};
 use gsvx::{Aim, EncodeProgress, Encoder, LEFT_OUT, Leaves, Made, MaxError};
 use numpy::PyArray1;
@@ -74,7 +74,7 @@ impl CompressOptions {
 struct Done {
     made: Made,
     rows: Option<Vec<i64>>,
-    likeness: Option<Likeness>,
+    loss: Option<LossEstimate>,
     invalid: usize,
     share_and_unseen: Option<(f64, usize)>,
     warnings: Vec<String>,
@@ -91,10 +91,7 @@ pub(crate) fn compress<'py>(
     progress: Option<Bound<'py, PyAny>>,
 ) -> PyResult<(Bound<'py, PyBytes>, Bound<'py, PyDict>)> {
     let (pool, scene) = splats.take()?;
-    let mut cameras = cameras.map(|c| c.cameras()).transpose()?;
-    if let Some(cameras) = &mut cameras {
-        cameras.list = cameras.pinholes()?;
-    }
+    let cameras = cameras.map(|c| c.cameras()).transpose()?;
     let input = scene.len();
     let done = run(py, pool, progress.as_ref(), move |line| {
         encode(scene, &options, cameras.as_ref(), line)
@@ -124,7 +121,10 @@ fn encode(
     if !options.lossless {
         scene.validate()?;
     }
-    let pictures = estimated.then(|| Pictures::of(&scene, cameras.map(|c| &c.list[..])));
+    // The stream follows from the cameras only if pictures show that they fit.
+    let judged = cameras.is_some() && !options.lossless && !options.drop_unseen;
+    let pictures =
+        (estimated || judged).then(|| Pictures::of(&scene, cameras.map(|c| &c.list[..])));
     line.check()?;
     let seen = cameras.map(|cameras| seen(&scene, cameras, &mut done, line)).transpose()?;
     // The PSNR is measured against the input before pruning.
@@ -152,9 +152,13 @@ fn encode(
         }
         ControlFlow::Continue(())
     });
-    done.made = encoder.encode(&scene)?;
-    done.likeness =
-        pictures.map(|p| tune::estimated_loss(&p, &done.made.encoded.bytes)).transpose()?.flatten();
+    let judged = tune::encode_judged(&mut encoder, &scene, pictures.as_ref())?;
+    if let (Some(doubt), Some(Cameras { name, .. })) = (judged.doubt(), cameras) {
+        done.warnings.push(format!(
+            "{name}: {doubt}; their importances are not used, but with drop_unseen they are"
+        ));
+    }
+    (done.made, done.loss) = (judged.made, judged.loss.filter(|_| estimated));
     done.warnings.extend(done.made.warnings.iter().map(ToString::to_string));
     let rows = done.made.encoded.rows.take().filter(|_| options.rows);
     done.rows = rows.map(|rows| rows_of_input(&rows, valid.as_deref(), input));
@@ -195,7 +199,11 @@ fn report<'py>(py: Python<'py>, done: &Done, input: usize) -> PyResult<Bound<'py
     out.set_item("sh_degree", encoded.index.header.sh_degree)?;
     out.set_item("quality", made.quality)?;
     out.set_item("psnr", made.psnr)?;
-    let estimate = done.likeness.map(|l| (l.psnr, l.ssim, l.views, l.meaning()));
+    let estimate = done.loss.and_then(|loss| {
+        let psnr = |l: Option<finetune::Likeness>| l.map(|l| l.psnr);
+        let [at_cameras, around] = [loss.at_cameras, loss.around].map(psnr);
+        loss.worse().map(|l| (l.psnr, l.ssim, l.views, l.meaning(), at_cameras, around))
+    });
     out.set_item("estimate", estimate)?;
     out.set_item("encodes", made.encodes)?;
     out.set_item("invalid", done.invalid)?;

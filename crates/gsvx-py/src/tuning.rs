@@ -107,7 +107,7 @@ pub(crate) fn tune<'py>(
     out.set_item("outliers", outliers)?;
     out.set_item("psnr", psnr)?;
     out.set_item("input_psnr", input_psnr)?;
-    out.set_item("elsewhere_psnr", outcome.against_input.map(|shown| shown.elsewhere))?;
+    out.set_item("elsewhere_psnr", outcome.against_input.map(|shown| shown.elsewhere()))?;
     out.set_item("quality", quality)?;
     out.set_item("steps", steps)?;
     out.set_item("seconds", seconds)?;
@@ -177,7 +177,7 @@ fn tune_scene(
     warnings.extend(limits.sentences());
     let distilled = training.is_empty();
     let targets =
-        if distilled { Targets::Renders(cameras.pinholes()?) } else { Targets::Photos(training) };
+        if distilled { Targets::Renders(cameras.list) } else { Targets::Photos(training) };
     let mut choices = ::tune::TuneOptions::new(options.target());
     choices.layout = options.layout();
     choices.effort = TuneEffort::named(&options.effort).unwrap_or_default();
@@ -185,6 +185,7 @@ fn tune_scene(
     choices.drop_unseen = options.drop_unseen;
     choices.checkpoint.clone_from(&options.checkpoint);
     choices.cancel = Some(Arc::clone(&line.cancel));
+    // A cancelled run ends after its first step.
     let run = Tune::with_progress(scene, targets, choices, |done, all| {
         let _ = line.step("input model", done, all);
     })?;

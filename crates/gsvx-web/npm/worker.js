@@ -2,7 +2,11 @@
 import { GsvxError } from './error.js';
 import { ready, run } from './core.js';
 
-async function start(port, { module, source, options }) {
+const node = typeof self === 'undefined'
+  ? await import(/* @vite-ignore */ /* webpackIgnore: true */ 'node:worker_threads') : null;
+const port = node ? node.parentPort : self;
+
+async function start({ module, source, options }) {
   try {
     await ready(module);
     const result = await run(source, options, (message, transfer) => port.postMessage(message, transfer ?? []));
@@ -12,10 +16,5 @@ async function start(port, { module, source, options }) {
   }
 }
 
-if (typeof self === 'undefined') {
-  // In Node. Messages wait for whoever listens.
-  import(/* @vite-ignore */ /* webpackIgnore: true */ 'node:worker_threads')
-    .then(({ parentPort: port }) => port.once('message', (message) => start(port, message)));
-} else {
-  self.onmessage = ({ data }) => start(self, data);
-}
+if (node) port.once('message', start);
+else port.onmessage = ({ data }) => start(data);

@@ -51,29 +51,6 @@ pub enum Error {
         /// The photos that are in its place.
         there: String,
     },
-    /// There are photos, but of a format that is not read.
-    #[error(
-        "{}: {count} photos in {} are .{extension}, which is not read; convert them to PNG or JPEG",
-        path.display(), folder.display()
-    )]
-    UnreadPhotos {
-        /// The scene.
-        path: PathBuf,
-        /// The folder of the photos.
-        folder: PathBuf,
-        /// Their number.
-        count: usize,
-        /// Their extension.
-        extension: String,
-    },
-    /// Grey photos of a model in colour.
-    #[error(
-        "all {views} photos are grey, and the model is not: a tune to them takes its colours away; use the photos in colour"
-    )]
-    GreyPhotos {
-        /// Number of photos.
-        views: usize,
-    },
     /// The photos show something else than the model, or are of other views than those of their cameras.
     #[error(
         "the photos do not show this model at their cameras: {psnr:.1} dB at {views} of them, and renders of other \
@@ -99,9 +76,6 @@ pub enum Error {
     /// No camera sees a Gaussian.
     #[error("no camera sees the model; check that model and cameras belong together")]
     NothingSeen,
-    /// The cancellation flag was set before the first step: there is no result yet.
-    #[error("interrupted before the first step")]
-    Interrupted,
     /// An option out of range.
     #[error("{option} is {value}, must be {range}")]
     Option {

@@ -1,17 +1,96 @@
-//! [`estimated_loss`]: how much less a stream shows than its model.
+//! [`encode_judged`]: a stream, and how much less it shows than its model.
 
-use finetune::{Likeness, Pictures};
-use gsvx::DecodeOptions;
+use finetune::{LossEstimate, Pictures, Visibility};
+use gs_model::{Camera, Scene};
+use gsvx::{Aim, DecodeOptions, Encoder, Made};
+use std::convert::Infallible;
 
-/// Compares a stream with pictures of its model; `None` if they show nothing.
+use crate::trainer::Clock;
+
+/// A stream that pictures have judged.
+#[derive(Clone, Debug)]
+pub struct Judged {
+    /// The stream.
+    pub made: Made,
+    /// How much less it shows than its model; `None` without pictures.
+    pub loss: Option<LossEstimate>,
+    /// The loss of the stream by the cameras' importances, if that is why they were not used.
+    pub doubted: Option<LossEstimate>,
+    /// How long the judgement took.
+    pub seconds: f64,
+}
+
+impl Judged {
+    /// A sentence, if the importances of the cameras were not used.
+    #[must_use]
+    pub fn doubt(&self) -> Option<String> {
+        let LossEstimate { at_cameras, around } = self.doubted?;
+        let [at_cameras, around] = [at_cameras?, around?].map(|l| l.psnr);
+        Some(format!(
+            "where these cameras look, a stream by their importances has {at_cameras:.0} dB, but around the model \
+             {around:.0} dB; are they its own? {}",
+            finetune::MISFIT_CAUSES
+        ))
+    }
+}
+
+/// Encodes `scene` and compares the stream with `pictures` of it.
+///
+/// Importances from cameras that are not the model's own destroy it. If the stream shows well to the cameras and badly to
+/// views that do not depend on them ([`LossEstimate::doubts_cameras`]), it is encoded once more without these
+/// importances, unless the options drop what is not seen.
 ///
 /// # Errors
-/// Those of the decoder.
-pub fn estimated_loss(pictures: &Pictures, stream: &[u8]) -> gsvx::Result<Option<Likeness>> {
+/// Those of the encoder and of the decoder.
+pub fn encode_judged(
+    encoder: &mut Encoder<'_>,
+    scene: &Scene,
+    pictures: Option<&Pictures>,
+) -> gsvx::Result<Judged> {
+    let mut made = encoder.encode(scene)?;
+    let clock = Clock::start();
+    let mut loss = loss(pictures, &made)?;
+    let mut seconds = clock.seconds();
+    let refusable = encoder.options.importance.is_some() && !encoder.options.drop_unseen;
+    let doubted = loss.filter(|loss| refusable && loss.doubts_cameras());
+    if doubted.is_some() {
+        encoder.options.importance = None;
+        made = encoder.encode(scene)?;
+        let clock = Clock::start();
+        loss = self::loss(pictures, &made)?;
+        seconds += clock.seconds();
+    }
+    Ok(Judged { made, loss, doubted, seconds })
+}
+
+/// Cameras that [`doubt`] looks from, and their greatest size, pixels.
+const TRIED: usize = 24;
+const TRIED_PIXELS: u32 = 120_000;
+
+/// A sentence, if cameras seem not to be those of a model: a stream by their importances says so, see [`encode_judged`].
+///
+/// # Errors
+/// Those of the encoder and of the decoder.
+pub fn doubt(scene: &Scene, cameras: &[Camera], quality: f32) -> gsvx::Result<Option<String>> {
+    let step = cameras.len().div_ceil(TRIED).max(1);
+    let cameras: Vec<Camera> =
+        cameras.iter().step_by(step).map(|c| c.within(TRIED_PIXELS)).collect();
+    let Ok(seen) = Visibility::of(scene, &cameras, |_| Ok::<_, Infallible>(()));
+    let mut encoder = Encoder::new(Aim::Quality(quality));
+    encoder.options.importance = Some(seen.weights);
+    let made = encoder.encode(scene)?;
+    let doubted = loss(Some(&Pictures::of(scene, Some(&cameras))), &made)?;
+    let doubted = doubted.filter(LossEstimate::doubts_cameras);
+    Ok(Judged { made, loss: None, doubted, seconds: 0.0 }.doubt())
+}
+
+/// Compares a stream with pictures of its model.
+fn loss(pictures: Option<&Pictures>, made: &Made) -> gsvx::Result<Option<LossEstimate>> {
+    let Some(pictures) = pictures else { return Ok(None) };
     if pictures.is_empty() {
-        return Ok(None);
+        return Ok(Some(LossEstimate::default()));
     }
     let mut options = DecodeOptions::default();
     options.max_gaussians = Some(u64::MAX);
-    Ok(pictures.likeness(&gsvx::decode_with(stream, &options)?.scene))
+    Ok(Some(pictures.compare(&gsvx::decode_with(&made.encoded.bytes, &options)?.scene)))
 }

@@ -28,10 +28,10 @@ mod undistort;
 mod views;
 
 pub use error::{Error, Result};
-pub use estimate::estimated_loss;
+pub use estimate::{Judged, doubt, encode_judged};
 pub use fine_tune::{FineTune, FineTuneOptions, FineTuned};
 pub use options::{DEFAULT_QUALITY, Layout, Target, TuneOptions};
-pub use photos::{Photos, at_camera, photo, photos};
+pub use photos::{Photos, at_camera, misfit, photo, photos};
 pub use plan::{TuneEffort, TunePlan};
 pub use progress::{Progress, StageName, StopReason, TuneOutcome};
 pub use run::Tune;

@@ -7,7 +7,7 @@
 //! A viewer lets people walk anywhere. So some steps are made at views near the path of the photos, with renders of the
 //! input model as targets, and what these views see counts in pruning and in the codec.
 
-use finetune::framing::nearby;
+use finetune::framing::{around, nearby};
 use finetune::optimiser::permutation;
 use finetune::{Loss, Photo, RenderOptions, TrainView, ViewGradients, Worth, saliency, worth};
 use gs_model::{Camera, Scene};
@@ -23,8 +23,9 @@ const FULL_WEIGHT: f64 = 2.0;
 /// Most nearby views, and the longest edge of their pictures.
 const MOST_NEARBY: usize = 64;
 const NEARBY_EDGE: f64 = 320.0;
-/// Nearby views that judge the result, and the longest edge of their pictures.
+/// Nearby views that judge the result, views around what matters in the model, and the longest edge of their pictures.
 const JUDGED: usize = 12;
+const JUDGED_AROUND: u32 = 4;
 const JUDGED_EDGE: f64 = 320.0;
 
 /// How much nearby views count.
@@ -88,7 +89,9 @@ struct Judged {
     /// At the views kept aside.
     aside: Vec<TrainView>,
     /// At cameras near the path, which no step visits.
-    elsewhere: Vec<TrainView>,
+    nearby: Vec<TrainView>,
+    /// At places that depend on the model alone.
+    around: Vec<TrainView>,
 }
 
 /// How well a scene shows what the input model shows: mean PSNR against its renders, dB.
@@ -97,15 +100,26 @@ pub struct AgainstInput {
     /// At the views kept aside.
     pub aside: f64,
     /// At views that no photo shows: between the cameras, beside them and farther back.
-    pub elsewhere: f64,
+    pub nearby: f64,
+    /// At views around what matters in the model, wherever the cameras stand.
+    pub around: f64,
+}
+
+impl AgainstInput {
+    /// The worse of [`AgainstInput::nearby`] and [`AgainstInput::around`].
+    #[must_use]
+    pub fn elsewhere(&self) -> f64 {
+        self.nearby.min(self.around)
+    }
 }
 
 impl Judged {
     fn of(scene: &Scene, aside: &[TrainView], cameras: &[Camera]) -> Self {
         let render = |camera: &Camera| TrainView::rendered(scene, within(camera, JUDGED_EDGE));
         let aside = aside.iter().map(|v| render(&v.camera)).collect();
-        let elsewhere = nearby(scene, cameras, JUDGED, 1).iter().map(render).collect();
-        Self { aside, elsewhere }
+        let nearby = nearby(scene, cameras, JUDGED, 1).iter().map(render).collect();
+        let around = around(scene, JUDGED_AROUND).iter().map(render).collect();
+        Self { aside, nearby, around }
     }
 }
 
@@ -222,12 +236,12 @@ impl Views {
 
     /// Compares a scene with the input model; `None` without a single view of it.
     pub(crate) fn against_input(&self, scene: &Scene) -> Option<AgainstInput> {
-        let Judged { aside, elsewhere } = self.judged.as_ref()?;
+        let Judged { aside, nearby, around } = self.judged.as_ref()?;
         let mean = |views: &[TrainView]| {
             views.iter().map(|v| v.psnr(scene)).sum::<f64>() / views.len() as f64
         };
-        (!elsewhere.is_empty())
-            .then(|| AgainstInput { aside: mean(aside), elsewhere: mean(elsewhere) })
+        let [aside, nearby, around] = [aside, nearby, around].map(|views| mean(views));
+        (!nearby.is_nan()).then_some(AgainstInput { aside, nearby, around })
     }
 
     /// Pixels of all cameras, as they count in importances.

@@ -111,7 +111,7 @@ fn what_the_photos_do_not_show_stays_unless_it_is_dropped() {
     };
     let (dropped, kept) = (run(true), run(false));
     let [without, with] = [&dropped, &kept].map(|outcome| outcome.against_input.unwrap());
-    assert!(with.elsewhere > without.elsewhere + 3.0, "{with:?}, dropped: {without:?}");
+    assert!(with.nearby > without.nearby + 3.0, "{with:?}, dropped: {without:?}");
     assert!(with.aside > without.aside - 2.0, "{with:?}, dropped: {without:?}");
 
     // At other views beside the cameras it is better than an untuned stream of as many bytes.

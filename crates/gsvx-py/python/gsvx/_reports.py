@@ -36,12 +36,15 @@ def _callback(progress: Optional[ProgressCallback]) -> Optional[Callable[..., An
 @dataclass(frozen=True)
 class Estimate:
     """How much less a stream shows than the input: ``psnr`` (dB, 99 for equal pictures) and ``ssim`` over parts of
-    ``views`` pictures, and what that means in words."""
+    ``views`` pictures, and what that means in words. With cameras these are the worse of two: at the cameras
+    (``at_cameras``, dB) and at views that depend on the model alone (``around``, dB)."""
 
     psnr: float
     ssim: float
     views: int
     meaning: str
+    at_cameras: Optional[float] = None
+    around: Optional[float] = None
 
 
 @dataclass(frozen=True)
@@ -95,8 +98,8 @@ class TuneReport:
     """What :func:`gsvx.tune` made.
 
     ``psnr`` and ``input_psnr``: of the stream and of the input model at views kept aside, in dB.
-    ``elsewhere_psnr``: against renders of the input model at views beside the cameras' path; None if nothing
-    is seen there.
+    ``elsewhere_psnr``: against renders of the input model at views beside the cameras' path or around the model,
+    whichever is worse; None if nothing is seen there.
     ``distilled``: whether the model was tuned to its own renders. ``steps``, ``seconds``: how long. The others
     are as in :class:`Report`.
     """

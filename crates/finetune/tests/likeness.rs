@@ -1,0 +1,32 @@
+//! The estimate of a loss does not trust the cameras that chose what was kept.
+
+use finetune::Pictures;
+use gs_model::{Camera, Scene};
+
+/// Two desks, and cameras that see the first one only.
+fn desks() -> (Scene, Vec<Camera>) {
+    let one = testing::desk(2000, 0);
+    let mut both = one.clone();
+    both.append(&one);
+    both.means[one.len()..].iter_mut().for_each(|m| m[0] += 6.0);
+    (both, testing::desk_cameras(6))
+}
+
+#[test]
+fn a_loss_that_the_cameras_do_not_see_is_told() {
+    let (scene, cameras) = desks();
+    let pictures = Pictures::of(&scene, Some(&cameras));
+    let kept = scene.select(&(0..scene.len() / 2).collect::<Vec<_>>());
+    let loss = pictures.compare(&kept);
+    let [at_cameras, around] = [loss.at_cameras, loss.around].map(|l| l.unwrap().psnr);
+    assert!(at_cameras > around + 10.0, "{at_cameras} at the cameras, {around} around");
+    assert_eq!(loss.worse(), loss.around);
+    assert!(loss.is_far_apart() && loss.doubts_cameras());
+    // Without cameras there is one figure.
+    let alone = Pictures::of(&scene, None).compare(&kept);
+    assert_eq!((alone.at_cameras, alone.worse()), (None, alone.around));
+    assert!(!alone.doubts_cameras());
+    // Nothing is lost: nothing is doubted.
+    let same = pictures.compare(&scene);
+    assert!(same.worse().unwrap().psnr == 99.0 && !same.is_far_apart());
+}
