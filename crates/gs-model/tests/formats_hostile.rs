@@ -117,11 +117,18 @@ fn random(n: usize, sh_degree: u8, seed: u64) -> Scene {
 
 /// The JSON of a `.glb` with something in it replaced.
 fn glb_with(from: &str, to: &str) -> Vec<u8> {
-    let file = written("a.glb", &common::scene(3, 1));
+    with_json(&written("a.glb", &common::scene(3, 1)), &[(from, to)])
+}
+
+/// A `.glb` with things in its JSON replaced.
+fn with_json(file: &[u8], changes: &[(&str, &str)]) -> Vec<u8> {
     let len = u32::from_le_bytes(file[12..16].try_into().unwrap()) as usize;
-    let json = String::from_utf8(file[20..20 + len].to_vec()).unwrap();
-    assert!(json.contains(from), "{json}");
-    let mut changed = json.replacen(from, to, 1).into_bytes();
+    let mut json = String::from_utf8(file[20..20 + len].to_vec()).unwrap();
+    for (from, to) in changes {
+        assert!(json.contains(from), "{json}");
+        json = json.replacen(from, to, 1);
+    }
+    let mut changed = json.into_bytes();
     changed.resize(changed.len().next_multiple_of(4), b' ');
     let data = &file[20 + len..];
     let mut out = b"glTF\x02\0\0\0".to_vec();
@@ -143,7 +150,27 @@ fn what_is_not_read_of_gltf_is_named() {
     said(space, "\"colorSpace\":7", "not the JSON of a glTF file: ");
     let node = "\"nodes\":[{\"mesh\":0}]";
     let turned = "\"nodes\":[{\"children\":[1],\"translation\":[0,1,0]},{\"mesh\":0}]";
-    said(node, turned, "node 1: it has a transform");
+    let flat = turned.replace("\"translation\":[0,1,0]", "\"scale\":[1,1,2]");
+    said(node, &flat, "node 1: it, or a node above it, shears, scales its axes apart");
+    said(node, &turned.replace("[1]", "[1,0]"), "node 0: it is below two nodes, or below itself");
+    let instanced = "\"nodes\":[{\"mesh\":0,\"extensions\":{\"EXT_mesh_gpu_instancing\":{}}}]";
+    said(node, instanced, "node 0: it has EXT_mesh_gpu_instancing, which is not read");
+    let projection = format!("{space},\"projection\":\"fisheye\"");
+    said(space, &projection, "projection \"fisheye\"");
+    // A mesh that is shown a thousand times over.
+    let many = vec!["{\"mesh\":0}"; 1000].join(",");
+    let roots: Vec<String> = (0..1000).map(|k| k.to_string()).collect();
+    let file = glb_with(node, &format!("\"nodes\":[{many}]"));
+    let text = String::from_utf8_lossy(&file);
+    assert!(text.contains("\"scenes\""));
+    let said_of_many = with_json(
+        &file,
+        &[(
+            "\"scenes\":[{\"nodes\":[0]}]",
+            &format!("\"scenes\":[{{\"nodes\":[{}]}}]", roots.join(",")),
+        )],
+    );
+    says(read("a.glb", &said_of_many), "show the same meshes too often");
     let required = "\"extensionsRequired\":[\"KHR_draco_mesh_compression\"],\"extensionsUsed\"";
     said("\"extensionsUsed\"", required, "requires KHR_draco_mesh_compression");
     said("\"mode\":0", "\"mode\":1", "POINTS");

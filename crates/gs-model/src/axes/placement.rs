@@ -2,12 +2,16 @@
 
 use rayon::prelude::*;
 
+use super::Signs;
 use crate::math::{Matrix, quaternion, quaternion_product, sh_basis};
 use crate::scene::Scene;
 
 /// Largest difference of a matrix from a rotation or mirror of uniform scale, relative to the scale. Matrices of
 /// files are floats.
 const TOLERANCE: f64 = 1e-4;
+
+/// A shift beyond this, in world units, moves the origin of a scene and not its means.
+const FAR: f64 = 10_000.0;
 
 const IDENTITY: Matrix = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 
@@ -22,6 +26,24 @@ pub(crate) struct Placement {
 impl Placement {
     /// Everything stays where it is.
     pub(crate) const STAYING: Self = Self { matrix: IDENTITY, shift: [0.0; 3] };
+
+    /// `first`, then this.
+    pub(crate) fn after(&self, first: &Self) -> Self {
+        let (a, b) = (&self.matrix, &first.matrix);
+        let product = |i: usize, j: usize| (0..3).map(|k| a[i][k] * b[k][j]).sum::<f64>();
+        let matrix = std::array::from_fn(|i| std::array::from_fn(|j| product(i, j)));
+        Self { matrix, shift: self.point(first.shift) }
+    }
+
+    /// The same placement of what has turned its axes: turned back, placed, turned.
+    pub(crate) fn seen_from(&self, turn: &Signs) -> Self {
+        let sign = turn.axes.map(f64::from);
+        let turned = |i: usize, j: usize| sign[i] * self.matrix[i][j] * sign[j];
+        Self {
+            matrix: std::array::from_fn(|i| std::array::from_fn(|j| turned(i, j))),
+            shift: std::array::from_fn(|i| sign[i] * self.shift[i]),
+        }
+    }
 
     fn point(&self, p: [f64; 3]) -> [f64; 3] {
         std::array::from_fn(|i| {
@@ -50,11 +72,13 @@ impl Placement {
             return true;
         }
         let Some((turn, scale)) = self.turn_and_scale() else { return false };
-        // The shift is of what lies at the origin plus the means.
-        let turned = Self { shift: [0.0; 3], ..*self };
-        scene.origin = turned.point(scene.origin);
+        // Means far away would lose their last bits: the scene's origin moves instead.
+        let is_far = self.shift.iter().any(|v| v.abs() > FAR);
+        let linear = Self { shift: [0.0; 3], ..*self };
+        let [origin, means] = if is_far { [self, &linear] } else { [&linear, self] };
+        scene.origin = origin.point(scene.origin);
         scene.means.par_iter_mut().for_each(|mean| {
-            *mean = self.point(mean.map(f64::from)).map(|v| v as f32);
+            *mean = means.point(mean.map(f64::from)).map(|v| v as f32);
         });
         if scale != 1.0 {
             let longer = libm::log(scale) as f32;

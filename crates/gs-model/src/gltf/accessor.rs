@@ -1,23 +1,8 @@
 //! The numbers of one attribute.
 
-use super::json::{self, BufferView, Root};
+use super::buffers::{Buffers, SHORT};
+use super::json::{self, Root};
 use crate::bytes::{float, half_word};
-
-const SHORT: &str = "it promises more than the file holds";
-
-/// The bytes of a view; an error is what is wrong with it.
-pub(super) fn view_bytes<'a>(
-    root: &Root,
-    data: &'a [u8],
-    view: &BufferView,
-) -> Result<&'a [u8], &'static str> {
-    let buffer = root.buffers.get(view.buffer).ok_or("it names a buffer that is not there")?;
-    if view.buffer != 0 || buffer.uri.is_some() {
-        return Err("it has its data in another file; pack all into one .glb");
-    }
-    let end = view.byte_offset.checked_add(view.byte_length).ok_or(SHORT)?;
-    data.get(view.byte_offset..end).ok_or(SHORT)
-}
 
 /// An attribute whose rows are all in the data.
 pub(super) struct Numbers<'a> {
@@ -30,31 +15,31 @@ pub(super) struct Numbers<'a> {
 }
 
 impl<'a> Numbers<'a> {
-    /// The accessor, if it has numbers of the given type (`SCALAR`, `VEC3`, `VEC4`) in `data`; an error
-    /// is what is wrong with it.
+    /// The accessor, if it has numbers of the given type (`SCALAR`, `VEC3`, `VEC4`); an error is what is wrong with
+    /// it.
     pub(super) fn of(
         root: &Root,
-        data: &'a [u8],
+        buffers: &'a Buffers<'_>,
         accessor: usize,
         kind: &str,
-    ) -> Result<Self, &'static str> {
+    ) -> Result<Self, String> {
         let accessor =
             root.accessors.get(accessor).ok_or("it names an accessor that is not there")?;
         if accessor.kind != kind {
-            return Err("it has an accessor of the wrong type");
+            return Err("it has an accessor of the wrong type".into());
         }
         if accessor.sparse.is_some() {
-            return Err("it has a sparse accessor, which is not read");
+            return Err("it has a sparse accessor, which is not read".into());
         }
         let view = accessor.buffer_view.and_then(|at| root.buffer_views.get(at));
         let view = view.ok_or("it has an accessor without data")?;
-        let bytes = view_bytes(root, data, view)?;
+        let bytes = buffers.view(view)?;
         let component = accessor.component_type;
         let size = match component {
             json::I8 | json::U8 => 1,
             json::I16 | json::U16 => 2,
             json::F32 => 4,
-            _ => return Err("it has components of a type that is not read"),
+            _ => return Err("it has components of a type that is not read".into()),
         };
         let row =
             size * [("SCALAR", 1), ("VEC3", 3)].iter().find(|t| t.0 == kind).map_or(4, |t| t.1);
@@ -63,7 +48,7 @@ impl<'a> Numbers<'a> {
         // The last row needs no gap after it.
         let before_last = accessor.count.saturating_sub(1).checked_mul(stride).ok_or(SHORT)?;
         if accessor.count > 0 && before_last.checked_add(row).is_none_or(|len| len > bytes.len()) {
-            return Err(SHORT);
+            return Err(SHORT.into());
         }
         let (count, normalized) = (accessor.count, accessor.normalized);
         Ok(Self { bytes, stride, count, component, normalized })

@@ -10,10 +10,14 @@ const CHUNK_HEADER: usize = 8;
 const JSON: &[u8; 4] = b"JSON";
 const DATA: &[u8; 4] = b"BIN\0";
 
-/// The JSON and the data of a file; an error is what is wrong with it.
+/// The JSON and the data of a file, where a `.gltf` has no data; an error is what is wrong with it.
 pub(super) fn split(bytes: &[u8]) -> Result<(&[u8], &[u8]), &'static str> {
+    let text = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes).trim_ascii_start();
+    if text.starts_with(b"{") {
+        return Ok((text, &[]));
+    }
     if !bytes.starts_with(MAGIC) || bytes.len() < HEADER {
-        return Err("it does not start with \"glTF\"; pack a .gltf and its files into one .glb");
+        return Err("it starts neither with \"glTF\" nor as JSON");
     }
     if word(bytes, 4) != VERSION {
         return Err("another version of the container than 2");

@@ -6,7 +6,11 @@
 use std::collections::BTreeMap;
 
 use serde::Deserialize;
+use serde::de::IgnoredAny;
 use serde_json::Value;
+
+use crate::axes::Placement;
+use crate::math::scaled_rotation;
 
 /// `componentType` of accessors.
 pub(super) const I8: u32 = 5120;
@@ -25,6 +29,9 @@ pub(super) const ARRAY_BUFFER: u32 = 34962;
 #[serde(rename_all = "camelCase", default)]
 pub(super) struct Root {
     pub(super) extensions_required: Vec<String>,
+    pub(super) scene: usize,
+    pub(super) scenes: Vec<SceneNodes>,
+    pub(super) animations: Vec<IgnoredAny>,
     pub(super) nodes: Vec<Node>,
     pub(super) meshes: Vec<Mesh>,
     pub(super) accessors: Vec<Accessor>,
@@ -32,25 +39,52 @@ pub(super) struct Root {
     pub(super) buffers: Vec<Buffer>,
 }
 
+impl Root {
+    /// True for a mesh with Gaussians.
+    pub(super) fn has_splats(&self, mesh: usize) -> bool {
+        let mesh = self.meshes.get(mesh);
+        mesh.is_some_and(|mesh| mesh.primitives.iter().any(|p| p.extensions.splats.is_some()))
+    }
+}
+
+/// The roots of a scene.
+#[derive(Deserialize)]
+pub(super) struct SceneNodes {
+    #[serde(default)]
+    pub(super) nodes: Vec<usize>,
+}
+
 #[derive(Default, Deserialize)]
 #[serde(default)]
 pub(super) struct Node {
     pub(super) mesh: Option<usize>,
     pub(super) children: Vec<usize>,
-    matrix: Option<[f32; 16]>,
-    translation: Option<[f32; 3]>,
-    rotation: Option<[f32; 4]>,
-    scale: Option<[f32; 3]>,
+    matrix: Option<[f64; 16]>,
+    translation: Option<[f64; 3]>,
+    /// x, y, z, w.
+    rotation: Option<[f64; 4]>,
+    scale: Option<[f64; 3]>,
+    pub(super) extensions: BTreeMap<String, IgnoredAny>,
 }
 
 impl Node {
-    /// True if the node moves what is below it.
-    pub(super) fn has_transform(&self) -> bool {
-        let identity: [f32; 16] = std::array::from_fn(|k| if k % 5 == 0 { 1.0 } else { 0.0 });
-        self.matrix.is_some_and(|m| m != identity)
-            || self.translation.is_some_and(|t| t != [0.0; 3])
-            || self.rotation.is_some_and(|q| q[..3] != [0.0; 3])
-            || self.scale.is_some_and(|s| s != [1.0; 3])
+    /// Where the node puts what is below it; `None` for a matrix that does more than place.
+    pub(super) fn placement(&self) -> Option<Placement> {
+        if let Some(m) = self.matrix {
+            // Columns.
+            if [m[3], m[7], m[11], m[15]] != [0.0, 0.0, 0.0, 1.0] {
+                return None;
+            }
+            let matrix = std::array::from_fn(|i| std::array::from_fn(|j| m[4 * j + i]));
+            return Some(Placement { matrix, shift: [m[12], m[13], m[14]] });
+        }
+        let [x, y, z, w] = self.rotation.unwrap_or([0.0, 0.0, 0.0, 1.0]);
+        let square = x * x + y * y + z * z + w * w;
+        let twice = if square > 0.0 { 2.0 / square } else { 0.0 };
+        let scale = self.scale.unwrap_or([1.0; 3]);
+        let turn = scaled_rotation([w, x, y, z], twice);
+        let matrix = turn.map(|row| std::array::from_fn(|j| row[j] * scale[j]));
+        Some(Placement { matrix, shift: self.translation.unwrap_or_default() })
     }
 }
 
@@ -82,11 +116,24 @@ pub(super) struct Extensions {
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct SplatExtension {
+    /// Drafts of the extension have neither of the first two.
+    #[serde(default = "ellipse")]
     pub(super) kernel: String,
+    #[serde(default = "srgb")]
     pub(super) color_space: String,
+    pub(super) projection: Option<String>,
+    pub(super) sorting_method: Option<String>,
     /// Extensions of the extension: compression.
     #[serde(default)]
     pub(super) extensions: BTreeMap<String, Value>,
+}
+
+fn ellipse() -> String {
+    "ellipse".into()
+}
+
+fn srgb() -> String {
+    "srgb_rec709_display".into()
 }
 
 #[derive(Deserialize)]
@@ -115,6 +162,8 @@ pub(super) struct BufferView {
 }
 
 #[derive(Deserialize)]
+#[serde(rename_all = "camelCase")]
 pub(super) struct Buffer {
-    pub(super) uri: Option<Value>,
+    pub(super) uri: Option<String>,
+    pub(super) byte_length: usize,
 }

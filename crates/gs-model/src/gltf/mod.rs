@@ -1,4 +1,4 @@
-//! glTF with Gaussians: the extension `KHR_gaussian_splatting`, in binary files (`.glb`).
+//! glTF with Gaussians: the extension `KHR_gaussian_splatting`, in `.glb` and `.gltf` files.
 //!
 //! A Gaussian is a point of a primitive. The attributes are the mean, the rotation as a unit quaternion
 //! (x, y, z, w), the linear standard deviations, the linear opacity, and the SH coefficients, one
@@ -13,17 +13,23 @@
 //! opacities linear, all as `f32`: log-scales come back to within 2^-22 of their size or of 1, opacities
 //! to within 2^-24. glTF holds no empty scene, and at most 4 GiB.
 //!
-//! A primitive may be compressed by an extension of the extension. The reader needs a [`crate::Codec`] for it;
-//! [`Compressed`] writes one.
+//! The reader joins all Gaussians in the scene, where its nodes have them: turned, mirrored, scaled and shifted, with
+//! their SH coefficients. A node that shears or scales axes apart is an error, since no Gaussian follows it. Data are
+//! in the file, in `data:` URIs, or in files beside it, but nowhere else.
 //!
-//! Not read: node transforms, primitives that something else compresses, colours in linear light, other kernels,
-//! data in other files. Each is an error that says so.
+//! A primitive may be compressed by an extension of the extension. SPZ (`KHR_gaussian_splatting_compression_spz_2`) is
+//! read; for others the reader needs a [`crate::Codec`]. [`Compressed`] writes one.
+//!
+//! Not read: primitives that something else compresses, colours in linear light, other kernels and projections. Each
+//! is an error that says so.
 
 mod accessor;
+mod buffers;
 mod coded;
 mod compressed;
 mod container;
 mod document;
+mod instances;
 mod json;
 mod read;
 mod spz;
@@ -39,7 +45,7 @@ use crate::format::Format;
 
 pub(crate) static FORMAT: Format = Format {
     name: "glb",
-    about: "glTF in one file, with KHR_gaussian_splatting",
+    about: "glTF (.glb, .gltf) with KHR_gaussian_splatting, also compressed as SPZ; written as .glb",
     extensions: &["glb", "gltf"],
     magic: &[container::MAGIC],
     max_sh_degree: 3,

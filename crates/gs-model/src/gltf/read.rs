@@ -1,89 +1,161 @@
-//! Reads `.glb` files.
+//! Reads `.glb` and `.gltf` files.
 
 use std::path::Path;
 
 use super::accessor::Numbers;
-use super::coded::Coded;
+use super::buffers::Buffers;
+use super::coded::{Coded, Decoder};
+use super::instances::{Instance, instances};
 use super::json::{POINTS, Primitive, Root, SplatExtension};
-use super::{EXTENSION, FORMAT, attribute, container, malformed, sh_attribute};
-use crate::axes::ABOUT_Z;
+use super::{EXTENSION, FORMAT, attribute, container, malformed, sh_attribute, spz};
+use crate::axes::{ABOUT_X, ABOUT_Z};
 use crate::codec::Codec;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, list};
 use crate::report::{ReadOptions, Report};
 use crate::rows::{self, SH};
 use crate::scene::{Scene, sh_len};
 
-/// Extensions that a file may require.
-const KNOWN: [&str; 2] = [EXTENSION, "KHR_mesh_quantization"];
+/// Extensions that a file may require. The one of materials says nothing of splats.
+const KNOWN: [&str; 4] =
+    [EXTENSION, spz::EXTENSION, "KHR_mesh_quantization", "KHR_materials_unlit"];
 /// Least bytes that a Gaussian takes that is not compressed: every one has a mean of its own.
 const LEAST_BYTES: u64 = 3;
+/// Most Gaussians of all nodes together, for each of the meshes: nodes may share a mesh.
+const MOST_SHARING: u64 = 64;
 
-/// Reads a `.glb` file: all primitives with the extension, one after the other.
+/// Reads a file: the primitives with the extension of the scene's nodes, one after the other.
 pub(super) fn read(file: &Path, bytes: &[u8], options: &ReadOptions) -> Result<(Scene, Report)> {
     let (json, data) = container::split(bytes).map_err(|e| malformed(file, "the file", e))?;
     let root: Root =
         serde_json::from_slice(json).map_err(|e| Error::json(file, "a glTF file", e))?;
     check(file, &root)?;
-    let (mut parts, mut places) = (Vec::new(), Vec::new());
-    for (m, mesh) in root.meshes.iter().enumerate() {
-        for (p, primitive) in mesh.primitives.iter().enumerate() {
-            if let Some(splats) = &primitive.extensions.splats {
-                let place = format!("mesh {m}, primitive {p}");
-                let bad = |(what, reason): Problem| {
-                    malformed(file, &(place.clone() + what.as_str()), reason)
-                };
-                parts.push(Part::of(&root, data, primitive, splats, options.codec).map_err(bad)?);
-                places.push(place);
-            }
+    let instances =
+        instances(&root).map_err(|(node, why)| malformed(file, &format!("node {node}"), why))?;
+    let buffers = Buffers::new(file, &root, data);
+    // Of each mesh in the scene, its primitives with Gaussians.
+    let mut meshes: Vec<Option<Vec<Part<'_>>>> = root.meshes.iter().map(|_| None).collect();
+    for Instance { mesh, .. } in &instances {
+        if meshes[*mesh].is_none() {
+            meshes[*mesh] = Some(parts(file, &root, &buffers, *mesh, options)?);
         }
     }
-    if parts.is_empty() {
+    let every: Vec<&Part<'_>> = meshes.iter().flatten().flatten().collect();
+    if every.is_empty() {
         return Err(malformed(file, "the file", format!("no mesh has {EXTENSION}")));
     }
-    bound(&parts, data.len(), options.max_gaussians)
+    bound(&every, buffers.len(), options.max_gaussians)
         .map_err(|why| malformed(file, "the meshes", why))?;
-    let form = form(&parts);
-    let mut scenes = Vec::with_capacity(parts.len());
-    for (part, place) in parts.iter().zip(places) {
-        scenes.push(part.scene().map_err(|why| malformed(file, &place, why))?);
+    let mut report = Report::of(FORMAT.name, form(&every));
+    report.bytes_beside = buffers.beside();
+    let once: u64 = every.iter().map(|part| part.len() as u64).sum();
+    let mut all: Option<Scene> = None;
+    let mut placed = 0u64;
+    for Instance { mesh, node, placement } in &instances {
+        for part in meshes[*mesh].iter().flatten() {
+            let bad = |why: String| malformed(file, &part.place, why);
+            let (mut scene, notes) = part.scene(options).map_err(bad)?;
+            placed += scene.len() as u64;
+            if placed > MOST_SHARING.saturating_mul(once.max(scene.len() as u64)) {
+                let why = "its nodes show the same meshes too often";
+                return Err(malformed(file, "the scene", why));
+            }
+            if !placement.seen_from(part.axes()).scene(&mut scene) {
+                let place = node.map_or("the file".into(), |node| format!("node {node}"));
+                let why = "it, or a node above it, shears, scales its axes apart or has no finite extent, which \
+                           no Gaussian follows; apply the scale to the splats in the tool that made the file";
+                return Err(malformed(file, &place, why));
+            }
+            notes.into_iter().for_each(|note| say(&mut report, note));
+            part.notes.iter().for_each(|note| say(&mut report, note.clone()));
+            all = Some(match all {
+                None => scene,
+                Some(before) => joined(before, scene),
+            });
+        }
     }
-    Ok((joined(scenes), Report::of(FORMAT.name, form)))
+    let unread = list((0..meshes.len()).filter(|&m| meshes[m].is_none()).map(|m| m.to_string()));
+    if let Some(unread) = unread {
+        say(
+            &mut report,
+            format!("meshes without Gaussians or outside the scene are not read: {unread}"),
+        );
+    }
+    if !root.animations.is_empty() {
+        say(&mut report, "animations are not read".into());
+    }
+    Ok((all.unwrap_or_default(), report))
+}
+
+/// Adds a note that is not there yet.
+fn say(report: &mut Report, note: String) {
+    if !report.notes.contains(&note) {
+        report.notes.push(note);
+    }
+}
+
+/// The primitives of a mesh that have the extension.
+fn parts<'a>(
+    file: &Path,
+    root: &Root,
+    buffers: &'a Buffers<'_>,
+    mesh: usize,
+    options: &ReadOptions,
+) -> Result<Vec<Part<'a>>> {
+    let mut parts = Vec::new();
+    for (p, primitive) in root.meshes[mesh].primitives.iter().enumerate() {
+        let Some(splats) = &primitive.extensions.splats else { continue };
+        let place = format!("mesh {mesh}, primitive {p}");
+        let bad = |(what, reason): Problem| malformed(file, &(place.clone() + &what), reason);
+        let data = Data::of(root, buffers, primitive, splats, options.codec).map_err(bad)?;
+        parts.push(Part { place, data, notes: notes(primitive, splats) });
+    }
+    Ok(parts)
 }
 
 /// Refuses what would claim any amount of memory or time: primitives that share their data.
-fn bound(parts: &[Part<'_>], data_len: usize, trusted: Option<u64>) -> Result<(), &'static str> {
-    let (mut plain, mut coded, mut coded_len) = (0u64, 0u64, 0u64);
+fn bound(parts: &[&Part<'_>], data_len: u64, trusted: Option<u64>) -> Result<(), &'static str> {
+    let (mut plain, mut coded, mut coded_len, mut most) = (0u64, 0u64, 0u64, 0u64);
     for part in parts {
-        let sum = if part.coded().is_some() { &mut coded } else { &mut plain };
-        *sum = sum.saturating_add(part.len() as u64);
-        coded_len += part.coded().map_or(0, |c| c.data.len() as u64);
+        match &part.data {
+            Data::Plain(attributes) => plain = plain.saturating_add(attributes.means.count as u64),
+            Data::Coded(part) => {
+                coded_len += part.data.len() as u64;
+                // The reader of SPZ has its own bound.
+                if let Decoder::Codec(codec) = part.decoder {
+                    coded = coded.saturating_add(part.count.unwrap_or_default() as u64);
+                    most = (codec.most)(coded_len);
+                }
+            }
+        }
     }
-    let codec = parts.iter().find_map(Part::coded).map(|c| c.codec);
-    let most = codec.map_or(0, |codec| (codec.most)(coded_len)).max(trusted.unwrap_or(0));
     let least_len = plain.saturating_mul(LEAST_BYTES).saturating_add(coded_len);
-    if least_len > data_len as u64 || coded > most {
+    if least_len > data_len || coded > most.max(trusted.unwrap_or(0)) {
         return Err("more Gaussians than the file has data for");
     }
     Ok(())
 }
 
 /// The form of the file in words.
-fn form(parts: &[Part<'_>]) -> String {
-    match parts.iter().find_map(Part::coded) {
-        Some(coded) => format!("glTF, {EXTENSION}, {}", coded.codec.extension),
+fn form(parts: &[&Part<'_>]) -> String {
+    let coded = parts.iter().find_map(|part| match &part.data {
+        Data::Coded(coded) => Some(coded.decoder.extension()),
+        Data::Plain(_) => None,
+    });
+    match coded {
+        Some(extension) => format!("glTF, {EXTENSION}, {extension}"),
         None => format!("glTF, {EXTENSION}"),
     }
 }
 
-/// All Gaussians, in order.
-fn joined(mut scenes: Vec<Scene>) -> Scene {
-    if scenes.len() == 1 {
-        return scenes.swap_remove(0);
+/// The Gaussians of one scene, then of the other, at the higher SH degree of the two.
+fn joined(mut first: Scene, second: Scene) -> Scene {
+    if second.sh_degree > first.sh_degree {
+        let mut all = Scene { sh_degree: second.sh_degree, ..Scene::default() };
+        all.append(&first);
+        first = all;
     }
-    let sh_degree = scenes.iter().map(|scene| scene.sh_degree).max().unwrap_or(0);
-    let mut all = Scene { sh_degree, ..Scene::default() };
-    scenes.into_iter().for_each(|scene| all.append(&scene));
-    all
+    first.append(&second);
+    first
 }
 
 /// Refuses what would change the splats and is not read.
@@ -93,29 +165,9 @@ fn check(file: &Path, root: &Root) -> Result<()> {
     };
     // What compresses a primitive is looked at there.
     let known = |n: &str| KNOWN.contains(&n) || splats().any(|s| s.extensions.contains_key(n));
-    if let Some(name) = root.extensions_required.iter().find(|n| !known(n)) {
-        return Err(malformed(file, "the file", format!("it requires {name}, which is not read")));
-    }
-    // Nodes that something above them moves.
-    let mut moved: Vec<bool> = root.nodes.iter().map(super::json::Node::has_transform).collect();
-    let mut unvisited: Vec<usize> = (0..moved.len()).filter(|&i| moved[i]).collect();
-    while let Some(i) = unvisited.pop() {
-        for &child in &root.nodes[i].children {
-            if moved.get(child) == Some(&false) {
-                moved[child] = true;
-                unvisited.push(child);
-            }
-        }
-    }
-    let has_splats = |mesh: Option<usize>| {
-        let mesh = mesh.and_then(|mesh| root.meshes.get(mesh));
-        mesh.is_some_and(|mesh| mesh.primitives.iter().any(|p| p.extensions.splats.is_some()))
-    };
-    let bad = (0..moved.len()).find(|&i| moved[i] && has_splats(root.nodes[i].mesh));
-    match bad {
-        Some(i) => {
-            let reason = "it has a transform, which is not read; apply it to the splats first";
-            Err(malformed(file, &format!("node {i}"), reason))
+    match root.extensions_required.iter().find(|n| !known(n)) {
+        Some(name) => {
+            Err(malformed(file, "the file", format!("it requires {name}, which is not read")))
         }
         None => Ok(()),
     }
@@ -124,16 +176,50 @@ fn check(file: &Path, root: &Root) -> Result<()> {
 /// What of a primitive (nothing for the whole of it), and what is wrong with it.
 type Problem = (String, String);
 
-/// A primitive.
-enum Part<'a> {
+/// A primitive with Gaussians.
+struct Part<'a> {
+    /// For messages.
+    place: String,
+    data: Data<'a>,
+    /// What of it is not used, a sentence each.
+    notes: Vec<String>,
+}
+
+impl Part<'_> {
+    fn len(&self) -> usize {
+        match &self.data {
+            Data::Coded(coded) => coded.count.unwrap_or_default(),
+            Data::Plain(attributes) => attributes.means.count,
+        }
+    }
+
+    /// The half turn between the axes of its numbers and those of PLY files. CesiumJS takes the numbers of an SPZ as
+    /// they are for those of glTF, and so do nodes.
+    fn axes(&self) -> &'static crate::axes::Signs {
+        match &self.data {
+            Data::Coded(Coded { decoder: Decoder::Spz, .. }) => &ABOUT_X,
+            _ => &ABOUT_Z,
+        }
+    }
+
+    fn scene(&self, options: &ReadOptions) -> Result<(Scene, Vec<String>), String> {
+        match &self.data {
+            Data::Coded(coded) => coded.scene(options),
+            Data::Plain(attributes) => Ok((attributes.scene(), Vec::new())),
+        }
+    }
+}
+
+/// Where its numbers are.
+enum Data<'a> {
     Plain(Attributes<'a>),
     Coded(Coded<'a>),
 }
 
-impl<'a> Part<'a> {
+impl<'a> Data<'a> {
     fn of(
         root: &Root,
-        data: &'a [u8],
+        buffers: &'a Buffers<'_>,
         primitive: &Primitive,
         splats: &SplatExtension,
         codec: Option<&'static Codec>,
@@ -142,30 +228,9 @@ impl<'a> Part<'a> {
         if let Some(problem) = not_read(primitive, splats) {
             return Err(whole(problem));
         }
-        match Coded::of(root, data, primitive, splats, codec).map_err(whole)? {
+        match Coded::of(root, buffers, primitive, splats, codec).map_err(whole)? {
             Some(coded) => Ok(Self::Coded(coded)),
-            None => Attributes::of(root, data, primitive).map(Self::Plain),
-        }
-    }
-
-    fn coded(&self) -> Option<&Coded<'a>> {
-        match self {
-            Self::Coded(coded) => Some(coded),
-            Self::Plain(_) => None,
-        }
-    }
-
-    fn len(&self) -> usize {
-        match self {
-            Self::Coded(coded) => coded.count,
-            Self::Plain(attributes) => attributes.means.count,
-        }
-    }
-
-    fn scene(&self) -> Result<Scene, String> {
-        match self {
-            Self::Coded(coded) => coded.scene(),
-            Self::Plain(attributes) => Ok(attributes.scene()),
+            None => Attributes::of(root, buffers, primitive).map(Self::Plain),
         }
     }
 }
@@ -180,11 +245,12 @@ struct Attributes<'a> {
 }
 
 impl<'a> Attributes<'a> {
-    fn of(root: &Root, data: &'a [u8], primitive: &Primitive) -> Result<Self, Problem> {
+    fn of(root: &Root, buffers: &'a Buffers<'_>, primitive: &Primitive) -> Result<Self, Problem> {
         let numbers = |name: &str, kind: &str| {
-            let bad = |reason: &str| (format!(", {name}"), reason.to_owned());
-            let accessor = primitive.attributes.get(name).ok_or_else(|| bad("it is missing"))?;
-            Numbers::of(root, data, *accessor, kind).map_err(bad)
+            let bad = |reason: String| (format!(", {name}"), reason);
+            let accessor = primitive.attributes.get(name);
+            let accessor = accessor.ok_or_else(|| bad("it is missing".into()))?;
+            Numbers::of(root, buffers, *accessor, kind).map_err(bad)
         };
         let has = |k: usize| primitive.attributes.contains_key(&sh_attribute(k));
         // A degree is there if its first coefficient is; then all of it must be.
@@ -239,7 +305,27 @@ fn not_read(primitive: &Primitive, splats: &SplatExtension) -> Option<String> {
         let space = &splats.color_space;
         return Some(format!("it has the colour space {space:?}; \"srgb_rec709_display\" is read"));
     }
-    None
+    match splats.projection.as_deref() {
+        None | Some("perspective") => None,
+        Some(other) => Some(format!("it has the projection {other:?}; \"perspective\" is read")),
+    }
+}
+
+/// What of a primitive is not used, a sentence each.
+fn notes(primitive: &Primitive, splats: &SplatExtension) -> Vec<String> {
+    let names = ["ROTATION", "SCALE", "OPACITY"].map(attribute);
+    let coefficients: Vec<String> = (0..sh_len(3)).map(sh_attribute).collect();
+    let known = |name: &str| {
+        let has = |known: &[String]| known.iter().any(|k| k == name);
+        ["POSITION", "COLOR_0"].contains(&name) || has(&names) || has(&coefficients)
+    };
+    let others = primitive.attributes.keys().filter(|name| !known(name));
+    let others = list(others.cloned());
+    let others = others
+        .map(|names| format!("attributes that are not part of a model are not kept: {names}"));
+    let order = splats.sorting_method.as_deref().filter(|&by| by != "cameraDistance");
+    let order = order.map(|by| format!("the sortingMethod {by:?} is not kept"));
+    [others, order].into_iter().flatten().collect()
 }
 
 /// The logit of an opacity; NaN outside 0..1. An opacity of 1 stands for what rounds to it, and so for

@@ -12,7 +12,7 @@ use crate::error::Result;
 use crate::scene::{Scene, sh_len};
 use crate::spz::{ShBits, pack_version_3};
 
-const EXTENSION: &str = "KHR_gaussian_splatting_compression_spz_2";
+pub(super) const EXTENSION: &str = "KHR_gaussian_splatting_compression_spz_2";
 
 /// Writes a `.glb` file with `KHR_gaussian_splatting_compression_spz_2`, as CesiumJS 1.140 reads it in 3D Tiles.
 ///
