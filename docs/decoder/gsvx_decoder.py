@@ -28,7 +28,9 @@ class Head:
     def __init__(self, stream):
         start = Bytes(stream)
         need(start.take(9) == b"\x89GSVX\r\n\x1a\x01", "not a gsvx stream of format 1")
-        fields = Bytes(start.take(start.number("I")))
+        body = start.number("I")
+        need(body <= 2**26, "the head is too long")
+        fields = Bytes(start.take(body))
         need(crc32c(stream[:start.tell()]) == start.number("I"), "the head is damaged")
         first, self.depth, *cube = fields.numbers("2B4d")
         self.degree, self.antialiased = first & 0x3F, bool(first & 0x40)

@@ -1,5 +1,6 @@
 //! [`Scene`]: a trained 3DGS model as a struct of arrays, and [`Field`]: one of them.
 
+use std::collections::TryReserveError;
 use std::fmt;
 use std::ops::Range;
 
@@ -89,6 +90,18 @@ impl Scene {
         Self { sh_degree, antialiased: self.antialiased, origin: self.origin, ..Self::default() }
     }
 
+    /// Reserves memory for `more` Gaussians.
+    ///
+    /// # Errors
+    /// If the system has none: the scene stays as it is.
+    pub fn try_reserve(&mut self, more: usize) -> Result<(), TryReserveError> {
+        self.means.try_reserve_exact(more)?;
+        self.rotations.try_reserve_exact(more)?;
+        self.log_scales.try_reserve_exact(more)?;
+        self.opacity_logits.try_reserve_exact(more)?;
+        self.sh.try_reserve_exact(more.saturating_mul(self.sh_len()))
+    }
+
     /// Number of Gaussians.
     #[must_use]
     pub fn len(&self) -> usize {
@@ -171,6 +184,10 @@ impl Scene {
         self.rotations.extend_from_slice(&other.rotations[range.clone()]);
         self.log_scales.extend_from_slice(&other.log_scales[range.clone()]);
         self.opacity_logits.extend_from_slice(&other.opacity_logits[range.clone()]);
+        if other.sh_degree == self.sh_degree {
+            self.sh.extend_from_slice(&other.sh[range.start * len..range.end * len]);
+            return;
+        }
         for i in range {
             let row = other.sh_of(i);
             self.sh.extend((0..len).map(|j| row.get(j).copied().unwrap_or_default()));

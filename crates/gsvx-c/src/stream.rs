@@ -3,7 +3,7 @@
 use crate::error::{Error, Result};
 use crate::plain::{Array, ByteRange, Chunk, Info, Options};
 use gs_model::{Axes, Scene};
-use gsvx::{Index, Kind, Reader, default_max_gaussians};
+use gsvx::{Index, Kind, Reader};
 use std::mem::MaybeUninit;
 use std::sync::{Mutex, MutexGuard};
 
@@ -17,7 +17,6 @@ pub(crate) struct State {
     reader: Reader,
     axes: Axes,
     max_sh_degree: u8,
-    max_gaussians: Option<u64>,
     /// The Gaussians of the decoded chunk, in the caller's axes.
     decoded: Option<Scene>,
 }
@@ -27,10 +26,12 @@ impl Stream {
         let default = Options { axes: 0, max_sh_coefficients: 0, max_gaussians: 0 };
         let options = options.unwrap_or(&default);
         Ok(Self(Mutex::new(State {
-            reader: Reader::new(),
+            reader: match options.max_gaussians {
+                0 => Reader::new(),
+                most => Reader::with_max_gaussians(most),
+            },
             axes: axes(options.axes)?,
             max_sh_degree: max_sh_degree(options.max_sh_coefficients)?,
-            max_gaussians: (options.max_gaussians > 0).then_some(options.max_gaussians),
             decoded: None,
         })))
     }
@@ -160,21 +161,11 @@ impl State {
         let mut scene = self.decoded.take().unwrap_or_default();
         scene.sh_degree = self.sh_degree()?;
         let layers = (layers as usize).clamp(1, 1 + usize::from(scene.sh_degree));
-        self.check_limit(number)?;
         let count = self.reader.hold(number, layers)?;
         self.reader.held_block(0..count, &mut scene)?;
         self.axes.turn(&mut scene);
         self.decoded = Some(scene);
         Ok(count as u64)
-    }
-
-    /// Refuses a chunk that claims more Gaussians than are accepted.
-    fn check_limit(&self, chunk: usize) -> Result<()> {
-        let chunk = &self.index()?.chunks[chunk];
-        let bytes = chunk.layers.iter().fold(0u64, |sum, l| sum.saturating_add(l.len));
-        let limit = self.max_gaussians.unwrap_or_else(|| default_max_gaussians(bytes));
-        let points = chunk.count;
-        if points > limit { Err(gsvx::Error::Limit { points, limit }.into()) } else { Ok(()) }
     }
 
     /// Copies an array of the decoded chunk.

@@ -57,7 +57,7 @@ pub(crate) struct ReadingAny {
 /// How large an input may be.
 #[derive(clap::Args, Clone, Copy, Debug)]
 pub(crate) struct Limit {
-    /// Refuse inputs of more Gaussians than this [default for streams: 1024 per byte, and 131072 more].
+    /// Refuse inputs of more Gaussians than this [default for streams: as many as take 1024 bytes per byte, and 64 MiB more].
     #[arg(long, value_name = "N", value_parser = size::count, hide_short_help = true,
           help_heading = "Input")]
     pub(crate) max_gaussians: Option<u64>,

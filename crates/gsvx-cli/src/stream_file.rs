@@ -95,7 +95,7 @@ impl StreamFile {
     }
 
     fn cut<T>(&self, what: &'static str, range: Range<u64>, have: usize) -> Result<T> {
-        let (offset, need) = (range.start as usize, (range.end - range.start) as usize);
+        let (offset, need, have) = (range.start, range.end - range.start, have as u64);
         let error = gsvx::Error::Truncated { what, offset, need, have };
         Err(error).with_context(|| self.name.clone())
     }

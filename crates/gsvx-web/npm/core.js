@@ -13,9 +13,9 @@ const AHEAD = 4;
 const PIECE = 1 << 16;
 /** Milliseconds between reports of progress. */
 const OFTEN = 50;
-/** As in the decoder of whole streams: what a stream of few bytes may hold. */
-const GAUSSIANS_PER_BYTE = 1024;
-const LEAST_LIMIT = 1 << 17;
+/** As in the decoder of whole streams: bytes of decoded Gaussians per byte of a stream, and in any stream. */
+const GROWTH = 1024;
+const ALWAYS_ACCEPTED = 64 << 20;
 /** Bytes of decoder memory for each Gaussian of a chunk, rounded up from what is measured. */
 const WORKING = 1200;
 
@@ -63,7 +63,8 @@ export class Decoding {
     this.pending = chunks.map((c, chunk) => ({ chunk, shown: 0, layers: Math.min(c.layers.length, 1 + this.shDegree) }))
       .filter(({ chunk }) => wanted(chunks[chunk]));
     const all = this.pending.reduce((sum, { chunk }) => sum + chunks[chunk].count, 0);
-    const most = limits.gaussians ?? GAUSSIANS_PER_BYTE * Math.min(length ?? Infinity, this.head.length) + LEAST_LIMIT;
+    const accepted = GROWTH * Math.min(length ?? Infinity, this.head.length) + ALWAYS_ACCEPTED;
+    const most = limits.gaussians ?? Math.floor(accepted / SIZES.planar(this.shDegree));
     if (all > most) {
       const text = `the stream claims ${all} Gaussians, more than the limit of ${most}; raise limits.gaussians if you trust it`;
       throw new GsvxError(text, { code: 'limit', offset: 0 });

@@ -121,7 +121,7 @@ export interface Options<L extends Layout = 'planar'> {
   salvage?: boolean;
   /** What is refused as soon as the head is known. */
   limits?: {
-    /** Greatest number of Gaussians; without it 1024 for each byte of the stream, and 131072 more. */
+    /** Greatest number of Gaussians; without it as many as take 1024 bytes as floats for each byte of the stream, and 64 MiB more. */
     gaussians?: number;
     /** Greatest number of bytes for output and decoder, estimated from the head. */
     bytes?: number;

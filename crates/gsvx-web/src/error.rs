@@ -11,6 +11,7 @@ fn code(error: &Error) -> &'static str {
         Error::Version { .. } => "version",
         Error::Truncated { .. } => "truncated",
         Error::Limit { .. } => "limit",
+        Error::Memory { .. } => "memory",
         _ => "damaged",
     }
 }
@@ -24,7 +25,7 @@ fn place(error: &Error, index: Option<&Index>) -> (Option<usize>, Option<usize>,
             let base = entry.and_then(|c| c.layers.first());
             (Some(*chunk), None, base.map_or(0, |l| l.offset))
         }
-        Error::Truncated { offset, .. } => (None, None, *offset as u64),
+        Error::Truncated { offset, .. } => (None, None, *offset),
         _ => (None, None, 0),
     }
 }

@@ -15,7 +15,7 @@ const BLOCK: usize = 512;
 
 /// A gsvx stream that arrives in parts.
 #[wasm_bindgen]
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Stream {
     reader: Reader,
     block: Scene,
@@ -27,7 +27,8 @@ impl Stream {
     #[wasm_bindgen(constructor)]
     #[must_use]
     pub fn new() -> Self {
-        Self::default()
+        // JavaScript compares the number of Gaussians with its limits before anything is decoded.
+        Self { reader: Reader::with_max_gaussians(u64::MAX), block: Scene::default() }
     }
 
     /// Start and end of the bytes that are needed before the head is known; nothing when it is.
@@ -122,7 +123,7 @@ impl Stream {
     #[cfg(feature = "page")]
     fn seldom(&self) -> usize {
         let whole = self.reader.index().filter(|index| index.coarsest_lod() == 0);
-        whole.map_or(1, |i| (i.header.count as usize).div_ceil(crate::outlook::ENOUGH))
+        whole.map_or(1, |i| i.header.count.div_ceil(crate::outlook::ENOUGH as u64) as usize)
     }
 
     /// Forgets the bytes of a chunk.

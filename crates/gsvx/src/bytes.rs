@@ -75,9 +75,9 @@ impl<'a> SliceReader<'a> {
         if n > self.remaining() {
             return Err(Error::Truncated {
                 what: self.what,
-                offset: self.at,
-                need: n,
-                have: self.remaining(),
+                offset: self.at as u64,
+                need: n as u64,
+                have: self.remaining() as u64,
             });
         }
         let out = &self.bytes[self.at..self.at + n];

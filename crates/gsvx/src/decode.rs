@@ -6,23 +6,34 @@ use crate::error::{Error, Result, coding};
 use crate::head::{Header, Index, Layer, head_len};
 use crate::parallel;
 use gpcc_lite::Octree;
-use gs_model::Scene;
+use gs_model::{Scene, sh_len};
 use std::borrow::Cow;
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
-/// Gaussians per stream byte that a decoder accepts by default; 2^17 more are always accepted. Trained
-/// scenes have fewer than one per byte. A solid block of equal Gaussians takes almost no bytes, but each
-/// chunk of 2^16 takes more than 64 with its entry in the index: the limit admits what an encoder
-/// writes in chunks of the default size.
-pub const DEFAULT_GAUSSIANS_PER_BYTE: u64 = 1024;
-/// Gaussians that a decoder accepts by default in a stream of any length.
-const LEAST_LIMIT: u64 = 1 << 17;
+/// Bytes of decoded Gaussians per byte of a stream that a decoder accepts by default, as much as deflate makes of a
+/// byte. Trained scenes have 20 to 200. Only synthetic ones, of Gaussians that are all equal, have more.
+pub const DEFAULT_GROWTH: u64 = 1024;
+/// Bytes of decoded Gaussians that a decoder accepts by default in a stream of any length.
+pub const ALWAYS_ACCEPTED: u64 = 64 << 20;
 
-/// The number of Gaussians that a decoder accepts by default in so many bytes.
+/// The number of Gaussians of an SH degree that a decoder accepts by default in so many bytes of a stream: as arrays
+/// of floats they take at most [`DEFAULT_GROWTH`] times the bytes, and [`ALWAYS_ACCEPTED`] more.
 #[must_use]
-pub fn default_max_gaussians(bytes: u64) -> u64 {
-    DEFAULT_GAUSSIANS_PER_BYTE.saturating_mul(bytes).saturating_add(LEAST_LIMIT)
+pub fn default_max_gaussians(bytes: u64, sh_degree: u8) -> u64 {
+    DEFAULT_GROWTH.saturating_mul(bytes).saturating_add(ALWAYS_ACCEPTED) / bytes_of(sh_degree)
+}
+
+/// Bytes of a decoded Gaussian.
+fn bytes_of(sh_degree: u8) -> u64 {
+    4 * (3 + 4 + 3 + 1 + 3 * sh_len(sh_degree) as u64)
+}
+
+/// Refuses more Gaussians than are accepted (`None`: by default) in so many bytes, or than fit an address space.
+pub(crate) fn check_limit(points: u64, most: Option<u64>, bytes: u64, sh_degree: u8) -> Result<()> {
+    let limit = most.unwrap_or_else(|| default_max_gaussians(bytes, sh_degree));
+    let limit = limit.min(isize::MAX as u64 / bytes_of(sh_degree));
+    if points > limit { Err(Error::Limit { points, limit }) } else { Ok(()) }
 }
 
 /// Gaussians per block of [`Decoder::blocks`]: a block fits a core's cache.
@@ -37,9 +48,9 @@ pub struct DecodeOptions {
     /// Level of detail: 0 is the finest. A number above the coarsest level stands for the coarsest.
     pub lod: u8,
     /// Leave out layers that are missing or damaged instead of failing, and list them in
-    /// [`Decoded::skipped`].
+    /// [`Decoded::skipped`]. Every chunk is decoded twice.
     pub salvage: bool,
-    /// Greatest number of Gaussians accepted; `None` derives it from the stream's length.
+    /// Greatest number of Gaussians accepted; `None` derives it from the stream's length: [`default_max_gaussians`].
     pub max_gaussians: Option<u64>,
 }
 
@@ -74,20 +85,16 @@ pub fn decode(bytes: &[u8]) -> Result<Scene> {
 /// As [`decode`]; see [`DecodeOptions::salvage`].
 pub fn decode_with(bytes: &[u8], options: &DecodeOptions) -> Result<Decoded> {
     let decoder = Decoder::new(bytes, options)?;
-    let mut scene = decoder.zeros(decoder.len());
-    let mut rest = GaussiansMut::of(&mut scene);
-    let mut jobs = Vec::with_capacity(decoder.jobs.len());
-    for job in &decoder.jobs {
-        let (out, others) = rest.split_at(job.count);
-        rest = others;
-        jobs.push((job, out));
-    }
-    let work = |(job, mut out): (&Job, GaussiansMut<'_>)| {
-        let mut chunk = DecodedChunk::default();
-        decoder.decode_job(job, &mut chunk)?;
-        chunk.fill(0, &mut out)
-    };
-    parallel::map(jobs, work).into_iter().collect::<Result<()>>()?;
+    let mut scene = decoder.empty_scene();
+    decoder.chunks::<Error>(|chunk| {
+        // Not before a chunk is there: what a stream claims takes no memory.
+        if scene.is_empty() {
+            let all = decoder.len();
+            scene.try_reserve(all).map_err(|_| Error::memory(all))?;
+        }
+        scene.append(&chunk);
+        Ok(())
+    })?;
     let Decoder { index, skipped, .. } = decoder;
     Ok(Decoded { scene, index, skipped })
 }
@@ -150,9 +157,9 @@ impl<'a> Bytes<'a> {
         if range.end > self.len() {
             return Err(Error::Truncated {
                 what,
-                offset: range.start as usize,
-                need: (range.end - range.start) as usize,
-                have: self.len().saturating_sub(range.start) as usize,
+                offset: range.start,
+                need: range.end - range.start,
+                have: self.len().saturating_sub(range.start),
             });
         }
         match self {
@@ -220,7 +227,6 @@ impl<'a> Decoder<'a> {
 
     fn of(bytes: Bytes<'a>, options: &DecodeOptions) -> Result<Self> {
         let index = Index::parse(&bytes.head()?)?;
-        let limit = options.max_gaussians.unwrap_or_else(|| default_max_gaussians(bytes.len()));
         let sh_degree = index.header.sh_degree.min(options.max_sh_degree);
         let mut this = Self { bytes, index, sh_degree, skipped: Vec::new(), jobs: Vec::new() };
         if sh_degree < this.index.header.sh_degree {
@@ -229,13 +235,19 @@ impl<'a> Decoder<'a> {
         }
         let lod = options.lod.min(this.index.coarsest_lod());
         let wanted: Vec<usize> = this.index.chunks_of_lod(lod).collect();
+        // The index has at most 2^20 chunks of at most 2^32.
         let points = wanted.iter().map(|&i| this.index.chunks[i].count).sum::<u64>();
-        if points > limit {
-            return Err(Error::Limit { points, limit });
-        }
+        // What follows the stream makes it no larger.
+        let of_stream = bytes.len().min(this.index.stream_len());
+        check_limit(points, options.max_gaussians, of_stream, sh_degree)?;
         let mut first = 0;
-        for chunk in wanted {
-            let layers = this.whole_layers(chunk, options.salvage)?;
+        let good = |chunk| this.good_layers(chunk, options.salvage);
+        let found = parallel::map(wanted.clone(), good);
+        for (chunk, found) in wanted.into_iter().zip(found) {
+            let (layers, bad) = found?;
+            if let Some(why) = bad {
+                this.skipped.push(this.in_words(chunk, layers, &why));
+            }
             if layers > 0 {
                 let count = this.index.chunks[chunk].count as usize;
                 this.jobs.push(Job { chunk, layers, first, count });
@@ -245,28 +257,33 @@ impl<'a> Decoder<'a> {
         Ok(this)
     }
 
-    /// How many layers of a chunk are wanted and whole. A layer that is not whole is an error, or with
-    /// `salvage` a line in `skipped`.
-    fn whole_layers(&mut self, chunk: usize, salvage: bool) -> Result<usize> {
-        let layers = self.index.chunks[chunk].layers.len().min(1 + usize::from(self.sh_degree));
-        for layer in 0..layers {
-            let at = self.index.chunks[chunk].layers[layer];
-            if let Err(e) = self.layer(chunk, layer, at) {
-                if !salvage {
-                    return Err(e);
-                }
-                let count = self.index.chunks[chunk].count;
-                self.skipped.push(match layer {
-                    0 => format!("chunk {chunk} ({count} Gaussians): {}", gs_model::chain(&e)),
-                    degree => format!(
-                        "SH degree {degree} and above of chunk {chunk}: {}",
-                        gs_model::chain(&e)
-                    ),
-                });
-                return Ok(layer);
+    /// How many layers of a chunk are wanted and good. One that is not is an error, or with `salvage` the reason why
+    /// there are no more. Then they are decoded on trial: only that shows how many Gaussians there are.
+    fn good_layers(&self, chunk: usize, salvage: bool) -> Result<(usize, Option<Error>)> {
+        let mut decoded = DecodedChunk::default();
+        let layers = &self.index.chunks[chunk].layers;
+        let wanted = layers.len().min(1 + usize::from(self.sh_degree));
+        for (number, &layer) in layers[..wanted].iter().enumerate() {
+            let good = self.layer(chunk, number, layer).and_then(|bytes| match salvage {
+                true => decoded.layer(&self.index, chunk, number, &bytes),
+                false => Ok(()),
+            });
+            match good {
+                Ok(()) => {}
+                Err(why) if salvage => return Ok((number, Some(why))),
+                Err(why) => return Err(why),
             }
         }
-        Ok(layers)
+        Ok((wanted, None))
+    }
+
+    /// What is said of the layers of a chunk from `layer` on, which are left out.
+    fn in_words(&self, chunk: usize, layer: usize, why: &Error) -> String {
+        let (count, why) = (self.index.chunks[chunk].count, gs_model::chain(why));
+        match layer {
+            0 => format!("chunk {chunk} ({count} Gaussians): {why}"),
+            degree => format!("SH degree {degree} and above of chunk {chunk}: {why}"),
+        }
     }
 
     /// The bytes of a layer, verified.
@@ -306,13 +323,6 @@ impl<'a> Decoder<'a> {
         self.index.header.empty_scene(self.sh_degree)
     }
 
-    /// So many Gaussians, to be filled in.
-    fn zeros(&self, n: usize) -> Scene {
-        let mut scene = self.empty_scene();
-        resize(&mut scene, n);
-        scene
-    }
-
     /// What is not decoded, and why; one line each.
     #[must_use]
     pub fn skipped(&self) -> &[String] {
@@ -321,13 +331,18 @@ impl<'a> Decoder<'a> {
 
     /// Decodes the wanted layers of a chunk.
     fn decode_job(&self, job: &Job, decoded: &mut DecodedChunk) -> Result<()> {
-        let layers = &self.index.chunks[job.chunk].layers;
-        let bytes = |i: usize| match self.bytes {
+        (0..job.layers).try_for_each(|layer| self.decode_layer(job.chunk, layer, decoded))
+    }
+
+    /// Decodes a layer behind those before it.
+    fn decode_layer(&self, chunk: usize, layer: usize, decoded: &mut DecodedChunk) -> Result<()> {
+        let at = self.index.chunks[chunk].layers[layer];
+        let bytes = match self.bytes {
             // Verified already, and cannot have changed.
-            Bytes::Memory(_) => self.bytes.read(layers[i].range(), "a chunk"),
-            Bytes::Source(_) => self.layer(job.chunk, i, layers[i]),
+            Bytes::Memory(_) => self.bytes.read(at.range(), "a chunk")?,
+            Bytes::Source(_) => self.layer(chunk, layer, at)?,
         };
-        (0..job.layers).try_for_each(|i| decoded.layer(&self.index, job.chunk, i, &bytes(i)?))
+        decoded.layer(&self.index, chunk, layer, &bytes)
     }
 
     /// Decodes the chunks on all threads and hands their Gaussians to `take` in order. As many chunks as
@@ -341,11 +356,9 @@ impl<'a> Decoder<'a> {
     ) -> std::result::Result<(), E> {
         for jobs in self.jobs.chunks(parallel::threads()) {
             let work = |job: &Job| {
-                let mut scene = self.zeros(job.count);
                 let mut chunk = DecodedChunk::default();
                 self.decode_job(job, &mut chunk)?;
-                chunk.fill(0, &mut GaussiansMut::of(&mut scene))?;
-                Ok(scene)
+                chunk.scene(self.empty_scene())
             };
             let scenes: Vec<Result<Scene>> = parallel::map(jobs.iter().collect(), work);
             for scene in scenes {
@@ -374,8 +387,8 @@ impl<'a> Decoder<'a> {
             let (mut chunk, mut buffer, mut block) = space.unwrap_or_else(new);
             self.decode_job(job, &mut chunk)?;
             for at in (0..job.count).step_by(BLOCK) {
-                resize(&mut block, BLOCK.min(job.count - at));
-                chunk.fill(at, &mut GaussiansMut::of(&mut block))?;
+                resize(&mut block, BLOCK.min(job.count - at))?;
+                chunk.fill(at, &mut GaussiansMut::of(&mut block));
                 visit(&mut buffer, job.first + at, &block)?;
             }
             lock().push((chunk, buffer, block));

@@ -1,6 +1,6 @@
 //! One decoded chunk of either kind, layer after layer.
 
-use crate::chunk::{ChunkValues, GaussiansMut};
+use crate::chunk::{ChunkValues, GaussiansMut, resize};
 use crate::error::{Error, Result};
 use crate::head::{Index, Kind, Layer};
 use crate::lossless;
@@ -16,7 +16,7 @@ pub(crate) struct DecodedChunk {
 }
 
 impl DecodedChunk {
-    /// Decodes layer `number` of a chunk. The layers before it have been decoded.
+    /// Decodes layer `number` of a chunk. The layers before it have been decoded, and stay so if this one cannot be.
     ///
     /// # Errors
     /// [`Error::Chunk`], with the cause.
@@ -53,15 +53,22 @@ impl DecodedChunk {
     }
 
     /// Puts the Gaussians from `first` on into `out`. SH degrees that were not decoded become 0.
-    ///
-    /// # Errors
-    /// [`Error::Corrupt`] if a mean is beyond what an f32 holds: an encoder refuses such scenes.
-    pub(crate) fn fill(&self, first: usize, out: &mut GaussiansMut<'_>) -> Result<()> {
+    pub(crate) fn fill(&self, first: usize, out: &mut GaussiansMut<'_>) {
         match &self.exact {
             Some(scene) => out.copy_from(scene, first),
-            None => self.leaves.fill(first, out)?,
+            None => self.leaves.fill(first, out),
         }
-        Ok(())
+    }
+
+    /// All Gaussians, in a scene that is like `empty`.
+    ///
+    /// # Errors
+    /// [`Error::Memory`].
+    pub(crate) fn scene(&self, empty: Scene) -> Result<Scene> {
+        let mut scene = empty;
+        resize(&mut scene, self.len())?;
+        self.fill(0, &mut GaussiansMut::of(&mut scene));
+        Ok(scene)
     }
 }
 

@@ -23,11 +23,11 @@ pub enum Error {
         /// Which part was being read.
         what: &'static str,
         /// Offset from the start of the stream or section.
-        offset: usize,
+        offset: u64,
         /// Bytes wanted.
-        need: usize,
+        need: u64,
         /// Bytes available.
-        have: usize,
+        have: u64,
     },
     /// A field holds a value that no encoder writes.
     #[error("corrupt stream: {what} is {value}")]
@@ -79,6 +79,12 @@ pub enum Error {
         points: u64,
         /// Greatest number allowed.
         limit: u64,
+    },
+    /// The system has no memory for what the stream holds.
+    #[error("no memory for {points} Gaussians")]
+    Memory {
+        /// Gaussians that were to be held.
+        points: u64,
     },
     /// Lengths that belong together differ.
     #[cfg(feature = "encode")]
@@ -189,6 +195,13 @@ pub enum Error {
 
 /// Result with [`Error`].
 pub type Result<T> = std::result::Result<T, Error>;
+
+impl Error {
+    /// [`Error::Memory`] of so many Gaussians.
+    pub(crate) fn memory(points: usize) -> Self {
+        Self::Memory { points: points as u64 }
+    }
+}
 
 /// Wraps an error of the coder with the part in which it happened.
 pub(crate) fn coding(what: &'static str) -> impl Fn(gpcc_lite::Error) -> Error + Copy {

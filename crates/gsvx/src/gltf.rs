@@ -16,7 +16,8 @@ use gs_model::{Codec, Scene, chain};
 /// What decodes primitives of glTF that hold a stream.
 pub static CODEC: Codec = Codec {
     extension: "GSVX_gaussian_splatting_compression",
-    most: default_max_gaussians,
+    // Of which SH degree they are is not known yet.
+    most: |bytes| default_max_gaussians(bytes, 3),
     decode: of_primitive,
 };
 

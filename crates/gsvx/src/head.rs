@@ -18,6 +18,8 @@ pub const SIGNATURE: [u8; 8] = [0x89, b'G', b'S', b'V', b'X', 0x0d, 0x0a, 0x1a];
 pub const VERSION: u8 = 1;
 /// Bytes before the head's body: signature, version and the length of the body.
 const PREAMBLE: usize = SIGNATURE.len() + 1 + 4;
+/// Greatest length of the head's body: the index of 2^20 chunks fits.
+const LONGEST_BODY: u32 = 1 << 26;
 /// Most levels of detail.
 pub(crate) const MAX_LODS: u8 = 8;
 /// Bytes of an index entry at least (kind, count, first cell, box; length and checksum of a layer):
@@ -149,7 +151,8 @@ pub struct Index {
 /// How many bytes of a stream hold signature, header and index. `start` has its first 13 bytes or more.
 ///
 /// # Errors
-/// [`Error::NotGsvx`], [`Error::Version`], or [`Error::Truncated`] if `start` is too short.
+/// [`Error::NotGsvx`], [`Error::Version`], [`Error::Truncated`] if `start` is too short, or [`Error::Corrupt`] for a
+/// head that is longer than any.
 pub(crate) fn head_len(start: &[u8]) -> Result<u64> {
     let known = start.len().min(SIGNATURE.len());
     if known == 0 || start[..known] != SIGNATURE[..known] {
@@ -161,7 +164,11 @@ pub(crate) fn head_len(start: &[u8]) -> Result<u64> {
     if version != VERSION {
         return Err(Error::Version { version, ours: VERSION });
     }
-    Ok((PREAMBLE + 4) as u64 + u64::from(r.u32()?))
+    let body = r.u32()?;
+    if body > LONGEST_BODY {
+        return Err(corrupt("length of the head", body));
+    }
+    Ok((PREAMBLE + 4) as u64 + u64::from(body))
 }
 
 impl Index {
@@ -172,11 +179,12 @@ impl Index {
     /// [`Error::Corrupt`]. Memory is in proportion to the bytes.
     pub fn parse(bytes: &[u8]) -> Result<Self> {
         let head_len = head_len(bytes)?;
-        let have = bytes.len();
+        let have = bytes.len() as u64;
+        // It is no longer than the longest, which fits 32 bits.
         let head = bytes.get(..head_len as usize).ok_or(Error::Truncated {
             what: "head",
             offset: have,
-            need: head_len as usize,
+            need: head_len,
             have,
         })?;
         let (checked, crc) = head.split_at(head.len() - 4);
@@ -220,16 +228,24 @@ impl Index {
     }
 
     /// The head in front of layers that follow it back to back, and the same as bytes.
+    ///
+    /// # Errors
+    /// [`Error::Option`] if there are more chunks than a head holds.
     #[cfg(feature = "encode")]
-    pub(crate) fn before(header: Header, mut chunks: Vec<Chunk>) -> (Self, Vec<u8>) {
+    pub(crate) fn before(header: Header, mut chunks: Vec<Chunk>) -> Result<(Self, Vec<u8>)> {
         let bytes = Self::to_bytes(&header, &chunks);
+        if bytes.len() - PREAMBLE - 4 > LONGEST_BODY as usize {
+            let (option, value) = ("the number of chunks", chunks.len() as f64);
+            let range = "so few that their index takes at most 64 MiB: encode larger chunks";
+            return Err(Error::Option { option, value, range });
+        }
         let head_len = bytes.len() as u64;
         let mut offset = head_len;
         for layer in chunks.iter_mut().flat_map(|c| &mut c.layers) {
             layer.offset = offset;
             offset += layer.len;
         }
-        (Self { header, chunks, head_len }, bytes)
+        Ok((Self { header, chunks, head_len }, bytes))
     }
 
     /// The head of a stream of some chunks of this one, as its finest level of detail. Their layers follow it,

@@ -18,8 +18,8 @@ mod parallel;
 mod reader;
 
 pub use decode::{
-    DEFAULT_GAUSSIANS_PER_BYTE, DecodeOptions, Decoded, Decoder, Source, decode, decode_leaves,
-    decode_with, default_max_gaussians,
+    ALWAYS_ACCEPTED, DEFAULT_GROWTH, DecodeOptions, Decoded, Decoder, Source, decode,
+    decode_leaves, decode_with, default_max_gaussians,
 };
 #[cfg(feature = "encode")]
 pub use encoder::{

@@ -53,6 +53,7 @@ pub struct Reader {
     decoded: DecodedChunk,
     /// What of which chunk is decoded.
     held: Option<Held>,
+    max_gaussians: Option<u64>,
 }
 
 /// What has arrived of a range of the stream. Its memory is that of the bytes that have arrived.
@@ -124,6 +125,13 @@ impl Reader {
     #[must_use]
     pub fn new() -> Self {
         Self::default()
+    }
+
+    /// A reader that accepts so many Gaussians in a chunk. [`Reader::new`] derives the number from the chunk's bytes:
+    /// [`default_max_gaussians`](crate::default_max_gaussians).
+    #[must_use]
+    pub fn with_max_gaussians(most: u64) -> Self {
+        Self { max_gaussians: Some(most), ..Self::default() }
     }
 
     /// The bytes that are needed before the index is known; `None` when it is. The range may reach

@@ -8,7 +8,7 @@ use common::with_related_degrees;
 use common::{Rng, decoding, encoding, leaves, scene, voxelized, with_floaters};
 use gsvx::{
     Decoded, EncodeOptions, Encoded, Error, Index, Kind, Reader, decode, decode_leaves,
-    decode_with, encode, encode_lossless, encode_voxels,
+    decode_with, default_max_gaussians, encode, encode_lossless, encode_voxels,
 };
 use std::time::{Duration, Instant};
 use voxel::Strategy;
@@ -212,9 +212,11 @@ fn claims_are_refused_before_memory_or_time_is_spent() {
         assert!(count < 1 << 24 || matches!(error, Error::Limit { .. } | Error::Corrupt { .. }));
         // Neither an unlimited reader nor an unlimited decoder spends memory on a claim.
         decode_all_ways(&forged);
-        if count < 1 << 25 {
-            let unlimited = decoding(|o| o.max_gaussians = Some(u64::MAX));
-            assert!(decode_with(&forged, &unlimited).is_err());
+        // A scene of the claimed size, made before geometry is decoded, ended the process from 2^25 on.
+        for salvage in [false, true] {
+            let unlimited = decoding(|o| (o.max_gaussians, o.salvage) = (Some(u64::MAX), salvage));
+            let decoded = decode_with(&forged, &unlimited);
+            assert!(decoded.is_err() || salvage && decoded.unwrap().scene.len() < 30);
         }
     }
     for len in [1 << 20, 1 << 32, 1 << 60, 1 << 62, u64::MAX] {
@@ -284,7 +286,107 @@ fn chunks_that_changed_places_are_refused() {
 #[test]
 fn a_cube_beyond_f32_is_damage() {
     let broken = forged(&small(20), |i| i.header.cube.side = 1e300);
-    assert!(matches!(decode(&broken), Err(Error::Corrupt { what: "mean beyond f32", .. })));
+    let Err(Error::Chunk { chunk: 0, source }) = decode(&broken) else { panic!("decoded") };
+    assert!(matches!(*source, Error::Corrupt { what: "mean beyond f32", .. }), "{source}");
+}
+
+/// A layer that decodes to something else than what its chunk has, under a checksum that is right.
+fn with_bad_degree_one() -> (Vec<u8>, usize) {
+    let encoded = small(60);
+    let (index, mut layers) = take_apart(&encoded.bytes);
+    let bad = 1;
+    layers[bad][1] = vec![0x55; 40];
+    (assemble(&index, &layers), bad)
+}
+
+#[test]
+fn a_layer_that_cannot_be_decoded_leaves_those_before_it_as_they_were() {
+    let (bytes, bad) = with_bad_degree_one();
+    let mut fresh = Reader::new();
+    fresh.give(0, &bytes).unwrap();
+    let base = fresh.decode(bad, 1).unwrap();
+    assert_eq!(base.sh_degree, 0);
+    let mut reader = Reader::new();
+    reader.give(0, &bytes).unwrap();
+    for before in [0, 2] {
+        // The coefficients of another chunk are what a decoder could show by mistake.
+        reader.hold(before, 4).unwrap();
+        assert!(matches!(reader.hold(bad, 4), Err(Error::Chunk { .. })));
+        assert_eq!(reader.held_len(), base.len());
+        let mut held = gs_model::Scene { sh_degree: 3, ..Default::default() };
+        reader.held_block(0..base.len(), &mut held).unwrap();
+        assert!(held.sh.chunks_exact(16).all(|sh| sh[1..].iter().all(|v| *v == [0.0; 3])));
+        held.cut_sh(0);
+        assert_eq!(held, base);
+        assert_eq!(reader.decode(bad, 1).unwrap(), base);
+    }
+}
+
+#[test]
+fn salvage_leaves_out_what_cannot_be_decoded() {
+    let (bytes, bad) = with_bad_degree_one();
+    assert!(matches!(decode(&bytes), Err(Error::Chunk { chunk, .. }) if chunk == bad));
+    let whole = decode(&small(60).bytes).unwrap();
+    let salvaged = salvage(&bytes).unwrap();
+    let counts: Vec<usize> = salvaged.index.chunks.iter().map(|c| c.count as usize).collect();
+    let (first, end) = (counts[0], counts[0] + counts[1]);
+    assert_eq!(salvaged.skipped.len(), 1, "{:?}", salvaged.skipped);
+    assert!(salvaged.skipped[0].starts_with("SH degree 1 and above of chunk 1"));
+    for i in 0..whole.len() {
+        let known = if (first..end).contains(&i) { 1 } else { 16 };
+        let (sh, of_whole) = (salvaged.scene.sh_of(i), whole.sh_of(i));
+        assert_eq!(sh[..known], of_whole[..known], "{i}");
+        assert!(sh[known..].iter().all(|v| *v == [0.0; 3]), "{i}");
+    }
+    let (index, mut layers) = take_apart(&bytes);
+    layers[bad][0] = vec![0x55; 40];
+    let salvaged = salvage(&assemble(&index, &layers)).unwrap();
+    assert_eq!(salvaged.scene.len(), whole.len() - counts[bad]);
+    assert!(salvaged.skipped[0].starts_with(&format!("chunk 1 ({} Gaussians)", counts[bad])));
+}
+
+#[test]
+fn a_head_that_claims_more_than_any_head_has_is_refused_before_it_is_there() {
+    let start = |body: u32| {
+        let mut out = gsvx::SIGNATURE.to_vec();
+        out.push(gsvx::VERSION);
+        out.extend(body.to_le_bytes());
+        out
+    };
+    for body in [u32::MAX, u32::MAX - 16, u32::MAX - 13, (1 << 26) + 1] {
+        let refused = |e: Error| matches!(e, Error::Corrupt { what: "length of the head", .. });
+        assert!(refused(Index::parse(&start(body)).unwrap_err()), "{body}");
+        assert!(refused(Reader::new().give(0, &start(body)).unwrap_err()), "{body}");
+    }
+    let mut reader = Reader::new();
+    reader.give(0, &start(1 << 26)).unwrap();
+    assert_eq!(reader.head_needs(), Some(13..(1 << 26) + 17));
+}
+
+#[test]
+fn the_default_limit_is_one_of_decoded_bytes() {
+    let [few, many] = [0, 3].map(|degree| default_max_gaussians(0, degree));
+    assert_eq!((few, many), ((64 << 20) / 56, (64 << 20) / 236));
+    assert_eq!(default_max_gaussians(236 << 10, 3), many + (1 << 20));
+    assert_eq!(default_max_gaussians(u64::MAX, 3), u64::MAX / 236);
+    let claim = |more: u64| {
+        let encoded = small(30);
+        let limit = default_max_gaussians(encoded.bytes.len() as u64, 3);
+        let others = encoded.index.header.count - encoded.index.chunks[0].count;
+        let mut forged = forged(&encoded, |i| {
+            i.header.count = limit + more;
+            i.chunks[0].count = limit + more - others;
+        });
+        // A number that is written longer makes the stream longer; what follows it does not.
+        forged.extend([0; 1 << 20]);
+        decode(&forged).unwrap_err()
+    };
+    assert!(matches!(claim(1000), Error::Limit { .. }));
+    assert!(matches!(claim(0), Error::Chunk { .. }));
+    let encoded = small(30);
+    let mut reader = Reader::with_max_gaussians(encoded.index.chunks[0].count - 1);
+    reader.give(0, &encoded.bytes).unwrap();
+    assert!(matches!(reader.hold(0, 1), Err(Error::Limit { .. })));
 }
 
 /// A grid of equal Gaussians takes almost no bytes each; the default limit refused it.

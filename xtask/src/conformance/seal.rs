@@ -6,6 +6,9 @@ const PREAMBLE: usize = 13;
 /// In the place of a level of detail: Gaussians bit for bit, in one layer.
 const EXACT: u8 = 255;
 
+/// Bit of the header's first byte, above the SH degree: the scene has an origin.
+const HAS_ORIGIN: u8 = 0x80;
+
 /// A position in the head's body.
 struct Cursor<'a> {
     bytes: &'a [u8],
@@ -45,8 +48,8 @@ fn layers(head: &[u8]) -> Vec<(usize, std::ops::Range<usize>)> {
     let mut offset = head.len() + 4;
     let mut walk = || {
         let (sh_degree, _) = (cursor.byte()?, cursor.byte()?);
-        // The cube and the steps.
-        cursor.skip(4 * 8 + 6 * 4)?;
+        // The cube, the steps, and the origin, if there is one.
+        cursor.skip(4 * 8 + 6 * 4 + if sh_degree & HAS_ORIGIN != 0 { 3 * 8 } else { 0 })?;
         cursor.varint()?;
         for _ in 0..cursor.varint()? {
             let lod = cursor.byte()?;

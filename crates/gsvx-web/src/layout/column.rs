@@ -1,6 +1,6 @@
 //! One typed array, written a block at a time.
 
-use js_sys::{Float32Array, Object, Reflect, Uint32Array};
+use js_sys::{Array, Float32Array, Function, Object, Reflect, Uint32Array};
 use wasm_bindgen::{JsCast, JsValue};
 
 /// A number that a typed array holds.
@@ -8,7 +8,10 @@ pub(crate) trait Number: Copy {
     /// The typed array.
     type Array: JsCast;
     /// An array of zeros.
-    fn zeros(len: usize) -> Self::Array;
+    ///
+    /// # Errors
+    /// If the engine has no memory for it, or no array is that long.
+    fn zeros(len: f64) -> Result<Self::Array, JsValue>;
     /// How many numbers an array holds.
     fn len(array: &Self::Array) -> usize;
     /// Copies values to a place of the array.
@@ -19,8 +22,10 @@ macro_rules! element {
     ($number:ty, $array:ty) => {
         impl Number for $number {
             type Array = $array;
-            fn zeros(len: usize) -> $array {
-                <$array>::new_with_length(len as u32)
+            fn zeros(len: f64) -> Result<$array, JsValue> {
+                let class = Reflect::get(&js_sys::global(), &stringify!($array).into())?;
+                let class: Function = class.dyn_into()?;
+                Reflect::construct(&class, &Array::of1(&len.into()))?.dyn_into()
             }
             fn len(array: &$array) -> usize {
                 array.length() as usize
@@ -45,15 +50,28 @@ pub(crate) struct Column<T: Number> {
 
 impl<T: Number> Column<T> {
     /// The array of that name in `object`. One that is not there, or has no room, is made.
-    pub(crate) fn of(object: &Object, name: &str, width: usize, capacity: usize) -> Self {
+    ///
+    /// # Errors
+    /// An object with `message` and `code` if there is no memory.
+    pub(crate) fn of(
+        object: &Object,
+        name: &str,
+        width: usize,
+        capacity: usize,
+    ) -> Result<Self, JsValue> {
         let there = Reflect::get(object, &name.into()).and_then(JsValue::dyn_into::<T::Array>).ok();
-        let len = width * capacity;
-        let array = there.filter(|a| T::len(a) >= len).unwrap_or_else(|| {
-            let array = T::zeros(len);
-            crate::error::set(object, name, array.as_ref());
-            array
-        });
-        Self { width, array, block: Vec::new() }
+        // Of 32 bits each, so the product needs more.
+        let len = width as f64 * capacity as f64;
+        let array = match there.filter(|a| T::len(a) as f64 >= len) {
+            Some(array) => array,
+            None => {
+                let message = format!("no memory for {capacity} Gaussians");
+                let array = T::zeros(len).map_err(|_| crate::error::object(&message, "memory"))?;
+                crate::error::set(object, name, array.as_ref());
+                array
+            }
+        };
+        Ok(Self { width, array, block: Vec::new() })
     }
 
     /// Copies the block to where Gaussian `first` is.

@@ -6,6 +6,7 @@ use super::column::Column;
 use gs_model::Scene;
 use gs_model::layout::covariances::{SH_WORDS, colour_word, covariance, sh_words};
 use js_sys::Object;
+use wasm_bindgen::JsValue;
 
 /// `centers`, `covariances` (xx, xy, xz, yy, yz, zz), `colors` (a word of red, green, blue and alpha),
 /// `sh1` to `sh3`.
@@ -17,14 +18,16 @@ pub(crate) struct Covariances {
 }
 
 impl Covariances {
-    pub(crate) fn of(arrays: &Object, capacity: usize, sh_degree: u8) -> Self {
+    pub(crate) fn of(arrays: &Object, capacity: usize, sh_degree: u8) -> Result<Self, JsValue> {
         let degrees = ["sh1", "sh2", "sh3"].into_iter().zip(SH_WORDS).take(sh_degree.into());
-        Self {
-            centers: Column::of(arrays, "centers", 3, capacity),
-            covariances: Column::of(arrays, "covariances", 6, capacity),
-            colours: Column::of(arrays, "colors", 1, capacity),
-            sh: degrees.map(|(name, words)| Column::of(arrays, name, words, capacity)).collect(),
-        }
+        Ok(Self {
+            centers: Column::of(arrays, "centers", 3, capacity)?,
+            covariances: Column::of(arrays, "covariances", 6, capacity)?,
+            colours: Column::of(arrays, "colors", 1, capacity)?,
+            sh: degrees
+                .map(|(name, words)| Column::of(arrays, name, words, capacity))
+                .collect::<Result<_, _>>()?,
+        })
     }
 }
 

@@ -27,9 +27,9 @@ pub(crate) fn named(
     sh_degree: u8,
 ) -> Result<Box<dyn ArrayLayout>, JsValue> {
     Ok(match name {
-        "planar" => Box::new(planar::Planar::of(arrays, capacity, sh_degree)),
-        "packed" => Box::new(packed::Packed::of(arrays, capacity, sh_degree)),
-        "covariances" => Box::new(covariances::Covariances::of(arrays, capacity, sh_degree)),
+        "planar" => Box::new(planar::Planar::of(arrays, capacity, sh_degree)?),
+        "packed" => Box::new(packed::Packed::of(arrays, capacity, sh_degree)?),
+        "covariances" => Box::new(covariances::Covariances::of(arrays, capacity, sh_degree)?),
         _ => {
             let message = format!("no layout {name}: use planar, packed or covariances");
             return Err(error::object(&message, "option").into());

@@ -6,6 +6,7 @@ use super::column::Column;
 use gs_model::Scene;
 use gs_model::layout::packed::{SH_DEGREES, WORDS, a, b, sh};
 use js_sys::Object;
+use wasm_bindgen::JsValue;
 
 /// `a`, `b`, and the arrays of SH coefficients.
 pub(crate) struct Packed {
@@ -18,13 +19,15 @@ pub(crate) struct Packed {
 const SH: [&str; 4] = ["sh1", "sh2", "sh3a", "sh3b"];
 
 impl Packed {
-    pub(crate) fn of(arrays: &Object, capacity: usize, sh_degree: u8) -> Self {
+    pub(crate) fn of(arrays: &Object, capacity: usize, sh_degree: u8) -> Result<Self, JsValue> {
         let sh = SH.into_iter().zip(SH_DEGREES).filter(|(_, degree)| *degree <= sh_degree);
-        Self {
-            a: Column::of(arrays, "a", WORDS, capacity),
-            b: Column::of(arrays, "b", WORDS, capacity),
-            sh: sh.map(|(name, _)| Column::of(arrays, name, WORDS, capacity)).collect(),
-        }
+        Ok(Self {
+            a: Column::of(arrays, "a", WORDS, capacity)?,
+            b: Column::of(arrays, "b", WORDS, capacity)?,
+            sh: sh
+                .map(|(name, _)| Column::of(arrays, name, WORDS, capacity))
+                .collect::<Result<_, _>>()?,
+        })
     }
 }
 

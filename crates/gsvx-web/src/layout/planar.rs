@@ -4,6 +4,7 @@ use super::ArrayLayout;
 use super::column::Column;
 use gs_model::Scene;
 use js_sys::Object;
+use wasm_bindgen::JsValue;
 
 /// `means`, `rotations` (w, x, y, z), `logScales`, `opacityLogits`, `sh` (coefficient after coefficient,
 /// each red, green, blue).
@@ -16,15 +17,15 @@ pub(crate) struct Planar {
 }
 
 impl Planar {
-    pub(crate) fn of(arrays: &Object, capacity: usize, sh_degree: u8) -> Self {
+    pub(crate) fn of(arrays: &Object, capacity: usize, sh_degree: u8) -> Result<Self, JsValue> {
         let sh = 3 * (usize::from(sh_degree) + 1) * (usize::from(sh_degree) + 1);
-        Self {
-            means: Column::of(arrays, "means", 3, capacity),
-            rotations: Column::of(arrays, "rotations", 4, capacity),
-            log_scales: Column::of(arrays, "logScales", 3, capacity),
-            opacity_logits: Column::of(arrays, "opacityLogits", 1, capacity),
-            sh: Column::of(arrays, "sh", sh, capacity),
-        }
+        Ok(Self {
+            means: Column::of(arrays, "means", 3, capacity)?,
+            rotations: Column::of(arrays, "rotations", 4, capacity)?,
+            log_scales: Column::of(arrays, "logScales", 3, capacity)?,
+            opacity_logits: Column::of(arrays, "opacityLogits", 1, capacity)?,
+            sh: Column::of(arrays, "sh", sh, capacity)?,
+        })
     }
 }
 

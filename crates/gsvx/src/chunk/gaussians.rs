@@ -1,5 +1,6 @@
 //! Consecutive Gaussians of a scene, to be filled in.
 
+use crate::error::{Error, Result};
 use gs_model::Scene;
 
 /// The arrays of some Gaussians.
@@ -24,6 +25,7 @@ impl<'a> GaussiansMut<'a> {
     }
 
     /// The first `n` and the others.
+    #[cfg(feature = "encode")]
     pub(crate) fn split_at(self, n: usize) -> (Self, Self) {
         let sh_len = self.sh.len() / self.means.len().max(1);
         let (means, means_rest) = self.means.split_at_mut(n);
@@ -59,21 +61,18 @@ impl<'a> GaussiansMut<'a> {
 }
 
 /// Gives a scene `n` Gaussians whose values are unspecified.
-pub(crate) fn resize(scene: &mut Scene, n: usize) {
-    if scene.is_empty() {
-        *scene = Scene {
-            antialiased: scene.antialiased,
-            origin: scene.origin,
-            ..Scene::zeros(n, scene.sh_degree)
-        };
-    } else {
-        let sh = n * scene.sh_len();
-        scene.means.resize(n, [0.0; 3]);
-        scene.rotations.resize(n, [0.0; 4]);
-        scene.log_scales.resize(n, [0.0; 3]);
-        scene.opacity_logits.resize(n, 0.0);
-        scene.sh.resize(sh, [0.0; 3]);
-    }
+///
+/// # Errors
+/// [`Error::Memory`].
+pub(crate) fn resize(scene: &mut Scene, n: usize) -> Result<()> {
+    scene.try_reserve(n.saturating_sub(scene.len())).map_err(|_| Error::memory(n))?;
+    let sh = n * scene.sh_len();
+    scene.means.resize(n, [0.0; 3]);
+    scene.rotations.resize(n, [0.0; 4]);
+    scene.log_scales.resize(n, [0.0; 3]);
+    scene.opacity_logits.resize(n, 0.0);
+    scene.sh.resize(sh, [0.0; 3]);
+    Ok(())
 }
 
 /// Derivatives of a loss by the arrays of one Gaussian of a scene.

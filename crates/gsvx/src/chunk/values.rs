@@ -9,7 +9,7 @@ use crate::error::{Error, Result, coding};
 use crate::head::Header;
 use gpcc_lite::coder::RansDecoder;
 use gpcc_lite::raht::Rows;
-use gpcc_lite::{Octree, attribute};
+use gpcc_lite::{Cube, Octree, attribute};
 
 /// The decoded values of one chunk. Its memory serves one chunk after another.
 #[derive(Debug, Default)]
@@ -23,10 +23,12 @@ pub(crate) struct ChunkValues {
 
 impl ChunkValues {
     /// Decodes layer `number` of a chunk that has so many leaves, after the layers before it: the base layer, or an SH
-    /// degree.
+    /// degree. An SH degree that cannot be decoded leaves the layers before it as they were; a base layer leaves nothing
+    /// of use.
     ///
     /// # Errors
-    /// [`Error::Truncated`], [`Error::Corrupt`] and [`Error::Coding`].
+    /// [`Error::Truncated`], [`Error::Corrupt`] and [`Error::Coding`]. [`Error::Corrupt`] if a mean is beyond what an
+    /// f32 holds: an encoder refuses such scenes.
     pub(crate) fn layer(
         &mut self,
         number: u8,
@@ -34,13 +36,13 @@ impl ChunkValues {
         leaves: usize,
         bytes: &[u8],
     ) -> Result<()> {
-        self.sh_degree = number;
         let numbers =
             if number == 0 { 0..BASE } else { coded(number).len() - 1..coded(number).len() };
         if number > 0 && bytes.is_empty() {
             let (group, rows) = (&GROUPS[numbers.start], &mut self.rows[numbers.start]);
             rows.resize(leaves, group.channels);
             (0..leaves).for_each(|i| rows.row_mut(i).fill(0.0));
+            self.sh_degree = number;
             return Ok(());
         }
         let mut r =
@@ -54,6 +56,7 @@ impl ChunkValues {
             let importance = Factors { depth, class: 0 };
             self.skeleton =
                 Skeleton::decode(&mut coder, header, leaves, importance, &mut self.rows[0])?;
+            check_means(self.octree())?;
         }
         let Self { skeleton, rows, .. } = self;
         for (number, prediction) in numbers.zip(predictions) {
@@ -66,7 +69,10 @@ impl ChunkValues {
                 .map_err(coding("attribute"))?;
             prediction.add(skeleton, below.last(), rows);
         }
-        coder.finish().map_err(coding("attribute"))
+        coder.finish().map_err(coding("attribute"))?;
+        // Not before: until here the degrees before are what is decoded.
+        self.sh_degree = number;
+        Ok(())
     }
 
     /// The leaves.
@@ -81,17 +87,10 @@ impl ChunkValues {
 
     /// Puts the Gaussians of the leaves from `first` on into `out`. SH degrees that were not decoded
     /// become 0.
-    ///
-    /// # Errors
-    /// [`Error::Corrupt`] if a mean is beyond what an f32 holds: an encoder refuses such scenes.
-    pub(crate) fn fill(&self, first: usize, out: &mut GaussiansMut<'_>) -> Result<()> {
+    pub(crate) fn fill(&self, first: usize, out: &mut GaussiansMut<'_>) {
         let octree = self.octree();
         for (i, mean) in (first..).zip(&mut *out.means) {
             *mean = octree.centre(i);
-            if !mean.iter().all(|v| v.is_finite()) {
-                let value = octree.leaves()[i].morton;
-                return Err(Error::Corrupt { what: "mean beyond f32", value });
-            }
         }
         for (group, rows) in coded(self.sh_degree).iter().zip(&self.rows) {
             group.restore(rows, first, out);
@@ -101,6 +100,21 @@ impl ChunkValues {
         if known < sh_len {
             out.sh.chunks_exact_mut(sh_len).for_each(|sh| sh[known..].fill([0.0; 3]));
         }
-        Ok(())
+    }
+}
+
+/// Refuses leaves whose centres are beyond what an f32 holds.
+fn check_means(octree: &Octree) -> Result<()> {
+    let Cube { origin, side } = octree.cube();
+    let fits = |v: f64| (v as f32).is_finite();
+    if origin.iter().all(|&v| fits(v) && fits(v + side)) {
+        return Ok(());
+    }
+    let bad = (0..octree.len()).find(|&i| !octree.centre(i).iter().all(|v| v.is_finite()));
+    match bad {
+        Some(i) => {
+            Err(Error::Corrupt { what: "mean beyond f32", value: octree.leaves()[i].morton })
+        }
+        None => Ok(()),
     }
 }

@@ -53,7 +53,10 @@ pub(crate) fn exact_chunk(scene: &Scene, keep_order: bool) -> (EncodedChunk, Vec
 }
 
 /// Puts head and layers together.
-pub(crate) fn assemble(header: Header, encoded: Vec<EncodedChunk>) -> Encoded {
+///
+/// # Errors
+/// As [`Index::before`].
+pub(crate) fn assemble(header: Header, encoded: Vec<EncodedChunk>) -> Result<Encoded> {
     let mut chunks = Vec::with_capacity(encoded.len());
     let mut payload =
         Vec::with_capacity(encoded.iter().flat_map(|chunk| &chunk.1).map(Vec::len).sum());
@@ -65,9 +68,9 @@ pub(crate) fn assemble(header: Header, encoded: Vec<EncodedChunk>) -> Encoded {
         }
         chunks.push(chunk);
     }
-    let (index, mut bytes) = Index::before(header, chunks);
+    let (index, mut bytes) = Index::before(header, chunks)?;
     bytes.extend(payload);
-    Encoded { bytes, index, ..Encoded::default() }
+    Ok(Encoded { bytes, index, ..Encoded::default() })
 }
 
 /// Gives a scene another SH degree: coefficients are cut, or zeros are added.

@@ -74,7 +74,7 @@ pub(crate) fn encode_source(
     let (header, chunks) = joined(&header, chunks, outliers, exact_degree);
     let left_out = source.voxels.dropped().len();
     let rows = options.rows.then(|| source.voxels.leaf_of_each(source.scene.len()));
-    Ok(Encoded { left_out, rows, ..assemble(header, chunks) })
+    Ok(Encoded { left_out, rows, ..assemble(header, chunks)? })
 }
 
 /// Encodes levels of the leaves of a source, the last one first.

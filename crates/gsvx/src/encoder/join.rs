@@ -62,10 +62,10 @@ pub fn join(streams: &[Index]) -> Result<Joined> {
     }
     let count = chunks.iter().filter(|(_, c)| c.lod == 0).map(|(_, c)| c.count).sum();
     let header = Header { count, sh_degree, ..first.header.clone() };
-    Ok(put_together(header, &chunks))
+    put_together(header, &chunks)
 }
 
-fn put_together(header: Header, chunks: &[(usize, &Chunk)]) -> Joined {
+fn put_together(header: Header, chunks: &[(usize, &Chunk)]) -> Result<Joined> {
     let mut pieces: Vec<(usize, Range<u64>)> = Vec::new();
     let mut joined = Vec::with_capacity(chunks.len());
     for &(number, chunk) in chunks {
@@ -84,6 +84,6 @@ fn put_together(header: Header, chunks: &[(usize, &Chunk)]) -> Joined {
         chunk.layers.resize(1 + usize::from(header.sh_degree), empty);
         joined.push(chunk);
     }
-    let (index, head) = Index::before(header, joined);
-    Joined { head, pieces, index }
+    let (index, head) = Index::before(header, joined)?;
+    Ok(Joined { head, pieces, index })
 }

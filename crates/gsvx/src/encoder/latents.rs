@@ -253,7 +253,7 @@ impl Latents {
         let Header { sh_degree, antialiased, origin, .. } = self.header;
         (scene.sh_degree, scene.antialiased, scene.origin) = (sh_degree, antialiased, origin);
         let n = scene.len().max(self.len());
-        chunk::resize(scene, n);
+        chunk::resize(scene, n)?;
         let mut rest = GaussiansMut::of(scene);
         let mut jobs = Vec::new();
         for (range, chunk) in &self.chunks {
@@ -263,11 +263,8 @@ impl Latents {
                 jobs.push((chunk.decoded(), first, out));
             }
         }
-        jobs.into_par_iter()
-            .map(|(chunk, first, mut out)| chunk.fill(first, &mut out))
-            .collect::<Vec<_>>()
-            .into_iter()
-            .collect()
+        jobs.into_par_iter().for_each(|(chunk, first, mut out)| chunk.fill(first, &mut out));
+        Ok(())
     }
 
     /// Bytes of the head of a stream without outliers.
@@ -315,7 +312,7 @@ impl Latents {
         chunks.extend(finest);
         let chunks = without_zero_degrees(chunks, least);
         with_outliers(&self.header, chunks, outliers)
-            .map(|(header, chunks)| assemble(header, chunks))
+            .and_then(|(header, chunks)| assemble(header, chunks))
     }
 }
 

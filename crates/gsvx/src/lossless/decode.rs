@@ -127,7 +127,7 @@ impl Head {
     fn decode_part(&self, block: &[u8], count: usize, n: usize) -> Result<(Coded, Vec<u32>)> {
         check_limit(count as u64, block.len(), 64)?;
         let what = "a part of exact Gaussians";
-        let short = || Error::Truncated { what, offset: block.len(), need: 1, have: 0 };
+        let short = || Error::Truncated { what, offset: block.len() as u64, need: 1, have: 0 };
         let mut coder = RansDecoder::new(block).map_err(coding(what))?;
         let width = self.columns.len();
         let mut coded = Coded { bits: vec![0; count * width], ..Default::default() };

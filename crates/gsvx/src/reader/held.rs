@@ -6,6 +6,7 @@
 
 use super::Reader;
 use crate::chunk::{GaussiansMut, resize};
+use crate::decode::check_limit;
 use crate::decoded_chunk::verify;
 use crate::error::{Error, Result};
 use gpcc_lite::Leaf;
@@ -25,7 +26,7 @@ impl Reader {
     ///
     /// # Errors
     /// [`Error::Truncated`] if a layer has not arrived, [`Error::Checksum`] and others if it is damaged.
-    /// The layers before it are held then.
+    /// The layers before it are held then. [`Error::Limit`] for more Gaussians than are accepted; what was held stays.
     pub fn hold(&mut self, chunk: usize, layers: usize) -> Result<usize> {
         let Some(index) = &self.index else {
             return Err(Error::Truncated { what: "head", offset: 0, need: 0, have: 0 });
@@ -33,6 +34,8 @@ impl Reader {
         let Some(entry) = index.chunks.get(chunk) else {
             return Err(Error::Corrupt { what: "number of a chunk", value: chunk as u64 });
         };
+        let bytes = entry.layers.iter().fold(0u64, |sum, l| sum.saturating_add(l.len));
+        check_limit(entry.count, self.max_gaussians, bytes, index.header.sh_degree)?;
         let layers = layers.clamp(1, entry.layers.len());
         let first = self.held_layers(chunk, layers);
         if first == 0 {
@@ -43,9 +46,9 @@ impl Reader {
             if (bytes.len() as u64) < layer.len {
                 return Err(Error::Truncated {
                     what: "a chunk",
-                    offset: layer.offset as usize,
-                    need: layer.len as usize,
-                    have: bytes.len(),
+                    offset: layer.offset,
+                    need: layer.len,
+                    have: bytes.len() as u64,
                 });
             }
             verify(bytes, chunk, number, layer)?;
@@ -79,15 +82,15 @@ impl Reader {
     /// SH degree of `out`; coefficients that are not decoded are 0. A range beyond the end is cut.
     ///
     /// # Errors
-    /// [`Error::Corrupt`] if a mean is beyond what an f32 holds.
+    /// [`Error::Memory`].
     pub fn held_block(&self, range: Range<usize>, out: &mut Scene) -> Result<()> {
         let end = range.end.min(self.held_len());
         let first = range.start.min(end);
-        resize(out, end - first);
-        match self.held {
-            Some(_) => self.decoded.fill(first, &mut GaussiansMut::of(out)),
-            None => Ok(()),
+        resize(out, end - first)?;
+        if self.held.is_some() {
+            self.decoded.fill(first, &mut GaussiansMut::of(out));
         }
+        Ok(())
     }
 
     /// Decodes the first `layers` layers of a chunk: its Gaussians, at the SH degree of these layers.

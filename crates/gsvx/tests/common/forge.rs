@@ -39,7 +39,9 @@ fn varint(out: &mut Vec<u8>, mut v: u64) {
 /// The head with these fields, whatever they are.
 pub(crate) fn head(index: &Index) -> Vec<u8> {
     let h = &index.header;
-    let mut body = vec![h.sh_degree, h.j_high];
+    let has_origin = h.origin != [0.0; 3];
+    let flags = u8::from(h.antialiased) << 6 | u8::from(has_origin) << 7;
+    let mut body = vec![h.sh_degree | flags, h.j_high];
     for v in [h.cube.origin[0], h.cube.origin[1], h.cube.origin[2], h.cube.side] {
         body.extend(v.to_le_bytes());
     }
@@ -47,6 +49,8 @@ pub(crate) fn head(index: &Index) -> Vec<u8> {
     for v in [h.steps.opacity, h.steps.dc, a, b, c, h.steps.covariance] {
         body.extend(v.to_le_bytes());
     }
+    let origin = if has_origin { &h.origin[..] } else { &[] };
+    origin.iter().for_each(|v| body.extend(v.to_le_bytes()));
     varint(&mut body, h.count);
     varint(&mut body, index.chunks.len() as u64);
     for chunk in &index.chunks {

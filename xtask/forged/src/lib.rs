@@ -1,0 +1,18 @@
+//! Forged streams, each by its number, and what a decoder makes of them, as a number that all machines must agree on.
+
+#[path = "../../../crates/gsvx/tests/common/forge.rs"]
+#[allow(dead_code, reason = "a part is used")]
+mod forge;
+mod outcome;
+#[path = "../../src/conformance/seal.rs"]
+mod seal;
+mod streams;
+
+pub use outcome::outcome;
+pub use streams::stream;
+
+/// For WebAssembly: what the decoder makes of a stream.
+#[unsafe(no_mangle)]
+pub extern "C" fn outcome_of(number: u32) -> u32 {
+    outcome(&stream(number.into()))
+}

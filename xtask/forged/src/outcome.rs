@@ -1,0 +1,116 @@
+//! What a decoder makes of a stream, in all ways that there are.
+
+use gs_model::Scene;
+use gsvx::{DecodeOptions, Decoded, Error, Reader, decode_leaves, decode_with};
+
+/// Chunks that a reader is asked for.
+const CHUNKS: usize = 8;
+
+/// What was seen so far.
+struct Seen(u32);
+
+impl Seen {
+    fn bytes(&mut self, bytes: &[u8]) {
+        self.0 = crc32c::crc32c_append(self.0, bytes);
+    }
+
+    fn scene(&mut self, scene: &Scene) {
+        let floats = scene.means.as_flattened().iter();
+        let floats = floats.chain(scene.rotations.as_flattened());
+        let floats = floats.chain(scene.log_scales.as_flattened()).chain(&scene.opacity_logits);
+        for v in floats.chain(scene.sh.as_flattened()) {
+            // Processors differ in the bits of what is not a number.
+            let bits = if v.is_nan() { u32::MAX } else { v.to_bits() };
+            self.bytes(&bits.to_le_bytes());
+        }
+    }
+
+    fn error(&mut self, error: &Error) {
+        self.bytes(gs_model::chain(error).as_bytes());
+    }
+
+    fn decoded(&mut self, decoded: &Result<Decoded, Error>) {
+        match decoded {
+            Ok(decoded) => {
+                self.scene(&decoded.scene);
+                decoded.skipped.iter().for_each(|line| self.bytes(line.as_bytes()));
+            }
+            Err(e) => self.error(e),
+        }
+    }
+}
+
+/// A number that is the same wherever the decoder does the same. It is odd if the stream was decoded as a whole one.
+///
+/// # Panics
+/// If a reader shows after an error what it should not.
+#[must_use]
+pub fn outcome(bytes: &[u8]) -> u32 {
+    let mut seen = Seen(0);
+    let mut options = DecodeOptions::default();
+    let whole = decode_with(bytes, &options);
+    let accepted = whole.is_ok();
+    seen.decoded(&whole);
+    // A claim takes no memory, even where none is refused.
+    (options.salvage, options.max_gaussians) = (true, Some(u64::from(u32::MAX)));
+    seen.decoded(&decode_with(bytes, &options));
+    (options.lod, options.max_sh_degree) = (9, 1);
+    seen.decoded(&decode_with(bytes, &options));
+    match decode_leaves(bytes) {
+        Ok((octree, classes)) => {
+            octree.leaves().iter().for_each(|leaf| seen.bytes(&leaf.morton.to_le_bytes()));
+            seen.bytes(&classes);
+        }
+        Err(e) => seen.error(&e),
+    }
+    in_parts(bytes, &mut seen);
+    seen.0 & !1 | u32::from(accepted)
+}
+
+/// A reader that goes from chunk to chunk, and on after errors.
+fn in_parts(bytes: &[u8], seen: &mut Seen) {
+    let mut reader = Reader::new();
+    let middle = bytes.len() / 2;
+    for (at, part) in [(middle, &bytes[middle..]), (0, &bytes[..middle])] {
+        if let Err(e) = reader.give(at as u64, part) {
+            return seen.error(&e);
+        }
+    }
+    let Some(index) = reader.index().cloned() else { return };
+    for (chunk, entry) in index.chunks.iter().enumerate().take(CHUNKS) {
+        let Err(e) = reader.hold(chunk, entry.layers.len()) else {
+            seen.scene(&held(&mut reader));
+            continue;
+        };
+        seen.error(&e);
+        // What is held now is what fewer layers hold in a reader that has seen no other chunk.
+        let after = held(&mut reader);
+        let mut fresh = Reader::new();
+        if fresh.give(0, bytes).is_err() || matches!(e, Error::Limit { .. }) {
+            continue;
+        }
+        let good = (1..entry.layers.len()).rev().find(|&layers| fresh.hold(chunk, layers).is_ok());
+        match good {
+            Some(_) => assert!(same(&held(&mut fresh), &after), "chunk {chunk}"),
+            None => assert!(after.is_empty(), "chunk {chunk}"),
+        }
+        seen.scene(&after);
+    }
+}
+
+/// What a reader holds, with all SH coefficients.
+fn held(reader: &mut Reader) -> Scene {
+    let mut scene = Scene { sh_degree: 3, ..Scene::default() };
+    let held = reader.held_block(0..reader.held_len(), &mut scene);
+    held.expect("there is memory");
+    scene
+}
+
+fn same(a: &Scene, b: &Scene) -> bool {
+    let digest = |scene: &Scene| {
+        let mut seen = Seen(0);
+        seen.scene(scene);
+        (scene.len(), seen.0)
+    };
+    digest(a) == digest(b)
+}
