@@ -143,8 +143,8 @@ typedef struct {
   // Most SH coefficients for each colour channel: 1 (base colours alone), 4, 9 or 16. Layers with more are never
   // asked for. 0 stands for all there are.
   uint32_t max_sh_coefficients;
-  // Most Gaussians that a chunk may have. Bounds the memory that a hostile stream can take. 0 stands for 1024 for
-  // each byte of the chunk and 131072 more, which no honest stream exceeds.
+  // Most Gaussians that a chunk may have. Bounds the memory that a hostile stream can take. 0 stands for as many as
+  // take, as floats, 1024 bytes for each byte of the chunk and 64 MiB more, which no trained scene exceeds.
   uint64_t max_gaussians;
 } gsvx_options;
 
@@ -206,7 +206,7 @@ typedef struct {
 } gsvx_chunk;
 
 // A model in the parametrisation of 3DGS training. The arrays are as those of `gsvx_array`; they are only read,
-// and not after `gsvx_encode` returns.
+// and not after `gsvx_encode` returns. Without Gaussians they may be NULL.
 typedef struct {
   // Number of Gaussians.
   uint64_t gaussians;
@@ -291,8 +291,9 @@ gsvx_status gsvx_get_chunk(const gsvx_stream *stream,
 // held are added without decoding the first again.
 //
 // GSVX_STATUS_TRUNCATED if bytes are missing (see `gsvx_needs`), GSVX_STATUS_DAMAGED if a checksum or a rule of the
-// format is broken, GSVX_STATUS_LIMIT if there are too many Gaussians. Nothing is held then. After
-// GSVX_STATUS_ARGUMENT what was held stays.
+// format is broken, GSVX_STATUS_LIMIT if there are too many Gaussians. Nothing is held then. The layers before one that
+// is missing or damaged are good: ask for fewer until the call succeeds or 1 fails. After GSVX_STATUS_ARGUMENT what was
+// held stays.
 gsvx_status gsvx_decode(gsvx_stream *stream,
                         uint64_t chunk,
                         uint32_t layers,

@@ -110,8 +110,8 @@ pub struct Options {
     /// Most SH coefficients for each colour channel: 1 (base colours alone), 4, 9 or 16. Layers with more are never
     /// asked for. 0 stands for all there are.
     pub max_sh_coefficients: u32,
-    /// Most Gaussians that a chunk may have. Bounds the memory that a hostile stream can take. 0 stands for 1024 for
-    /// each byte of the chunk and 131072 more, which no honest stream exceeds.
+    /// Most Gaussians that a chunk may have. Bounds the memory that a hostile stream can take. 0 stands for as many as
+    /// take, as floats, 1024 bytes for each byte of the chunk and 64 MiB more, which no trained scene exceeds.
     pub max_gaussians: u64,
 }
 
@@ -173,7 +173,7 @@ pub struct ByteRange {
 }
 
 /// A model in the parametrisation of 3DGS training. The arrays are as those of `gsvx_array`; they are only read,
-/// and not after `gsvx_encode` returns.
+/// and not after `gsvx_encode` returns. Without Gaussians they may be NULL.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct Model {

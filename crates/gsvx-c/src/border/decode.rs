@@ -115,8 +115,9 @@ pub extern "C" fn gsvx_get_chunk(
 /// held are added without decoding the first again.
 ///
 /// GSVX_STATUS_TRUNCATED if bytes are missing (see `gsvx_needs`), GSVX_STATUS_DAMAGED if a checksum or a rule of the
-/// format is broken, GSVX_STATUS_LIMIT if there are too many Gaussians. Nothing is held then. After
-/// GSVX_STATUS_ARGUMENT what was held stays.
+/// format is broken, GSVX_STATUS_LIMIT if there are too many Gaussians. Nothing is held then. The layers before one that
+/// is missing or damaged are good: ask for fewer until the call succeeds or 1 fails. After GSVX_STATUS_ARGUMENT what was
+/// held stays.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn gsvx_decode(
     stream: Option<NonNull<Stream>>,
