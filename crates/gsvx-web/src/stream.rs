@@ -21,14 +21,20 @@ pub struct Stream {
     block: Scene,
 }
 
+impl Default for Stream {
+    fn default() -> Self {
+        // JavaScript compares the number of Gaussians with its limits before anything is decoded.
+        Self { reader: Reader::with_max_gaussians(u64::MAX), block: Scene::default() }
+    }
+}
+
 #[wasm_bindgen]
 impl Stream {
     /// A stream of which nothing is known yet.
     #[wasm_bindgen(constructor)]
     #[must_use]
     pub fn new() -> Self {
-        // JavaScript compares the number of Gaussians with its limits before anything is decoded.
-        Self { reader: Reader::with_max_gaussians(u64::MAX), block: Scene::default() }
+        Self::default()
     }
 
     /// Start and end of the bytes that are needed before the head is known; nothing when it is.
