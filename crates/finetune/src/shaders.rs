@@ -46,7 +46,10 @@ pub const GAUSSIAN: &str = concat!(
     include_str!("stages/params.wgsl"),
 );
 /// The adjoint of the projection. Needs [`GAUSSIAN`].
-pub const PROJECT_ADJOINT: &str = include_str!("stages/math/project_adjoint.wgsl");
+pub const PROJECT_ADJOINT: &str = concat!(
+    include_str!("stages/math/project_adjoint.wgsl"),
+    include_str!("stages/project_adjoint.wgsl"),
+);
 const BLEND: &str = include_str!("stages/math/blend.wgsl");
 const REACH: &str = include_str!("stages/math/reach.wgsl");
 const BLOCK: &str = include_str!("stages/block.wgsl");

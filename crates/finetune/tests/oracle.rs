@@ -34,6 +34,30 @@ fn images_agree() {
     }
 }
 
+#[test]
+fn images_of_antialiased_models_agree() {
+    for seed in 0..4 {
+        let mut scene = antialiased(common::scene(60, 1, seed));
+        let (camera, background) = (common::camera(83, 61), [0.2, 0.5, 0.9]);
+        let worst = worst_difference(&scene, &camera, background);
+        println!("seed {seed}: {worst:.2e}");
+        assert!(worst < 1e-5, "seed {seed}: {worst}");
+        let options = RenderOptions { background, ..RenderOptions::default() };
+        let fine = render(&scene, &camera, &options);
+        scene.antialiased = false;
+        assert_ne!(fine, render(&scene, &camera, &options));
+    }
+}
+
+/// The scene with Gaussians of about a pixel, for which the compensation matters.
+fn antialiased(mut scene: Scene) -> Scene {
+    scene.antialiased = true;
+    for (scale, mean) in scene.log_scales.iter_mut().zip(&scene.means).step_by(2) {
+        *scale = scale.map(|s| s - 1.8 - 0.1 * mean[2]);
+    }
+    scene
+}
+
 type Get = fn(&mut Parameters, usize) -> &mut f64;
 
 /// Worst relative error of one class of gradients against central differences of the oracle
@@ -111,4 +135,11 @@ fn gradients_of_l1_and_ssim_agree_with_central_differences() {
     let loss = Loss::L1Ssim { ssim_weight: 0.2 };
     let (camera, photo) = (common::camera(29, 21), common::photo(29, 21, 2));
     check_gradients(&scene, TrainView { camera, photo }, loss);
+}
+
+#[test]
+fn gradients_of_an_antialiased_model_agree_with_central_differences() {
+    let scene = antialiased(common::scene(12, 1, 7));
+    let (camera, photo) = (common::camera(40, 30), common::photo(40, 30, 1));
+    check_gradients(&scene, TrainView { camera, photo }, Loss::Mse);
 }

@@ -26,6 +26,8 @@ pub struct Format {
     pub magic: &'static [&'static [u8]],
     /// Highest SH degree that it holds.
     pub max_sh_degree: u8,
+    /// Whether it says that a model is antialiased (see [`Scene::antialiased`]).
+    pub says_antialiased: bool,
     pub(crate) read: ReadModel,
     pub(crate) write: Option<WriteModel>,
 }

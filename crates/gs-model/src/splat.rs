@@ -27,6 +27,7 @@ pub(crate) static FORMAT: Format = Format {
     extensions: &["splat"],
     magic: &[],
     max_sh_degree: 0,
+    says_antialiased: false,
     read: |file, bytes, _| read(file, bytes),
     write: Some(write),
 };

@@ -699,3 +699,63 @@ fn a_ksplat_of_half_floats_is_read() {
     let nowhere = [&0u32.to_le_bytes()[..], &bucket].concat();
     says(read("a.ksplat", &ksplat(1, &nowhere, &head)), "section 0: Gaussians in no bucket");
 }
+
+#[test]
+fn an_antialiased_model_is_antialiased_in_every_format_that_has_a_place_for_it() {
+    for antialiased in [true, false] {
+        let scene = Scene { antialiased, ..small() };
+        for format in Format::all().iter().filter(|f| f.is_written()) {
+            let file = written(format.name, &scene);
+            let (back, _) = format.read("a", &file, &ReadOptions::default()).unwrap();
+            assert_eq!(back.antialiased, antialiased && format.says_antialiased, "{format:?}");
+        }
+        let spz_3 = spz::pack_version_3("a.spz", &scene, ShBits::default()).unwrap();
+        assert_eq!(read("a.spz", &spz_3).unwrap().0.antialiased, antialiased);
+    }
+}
+
+#[test]
+fn the_comments_of_a_ply_say_whether_a_model_is_antialiased() {
+    let ply = written("ply", &small());
+    let with = |comments: &str| {
+        let mut file = b"ply\nformat binary_little_endian 1.0\n".to_vec();
+        let rest = ply[file.len()..].to_vec();
+        file.extend(comments.bytes());
+        file.extend(rest);
+        read("a.ply", &file).unwrap().0.antialiased
+    };
+    for comments in [
+        "comment SplatRenderMode: mip\n",
+        "comment  splatrendermode:MIP \n",
+        "comment Exported from Brush\ncomment SplatRenderMode: mip\n",
+        "comment antialiased 1\n",
+        "comment Antialiased: true\n",
+        "comment SplatRenderMode: default\ncomment antialiased 1\n",
+    ] {
+        assert!(with(comments), "{comments}");
+    }
+    for comments in [
+        "",
+        "comment SplatRenderMode: default\n",
+        "comment SplatRenderMode: 2dgs\n",
+        "comment antialiased 0\n",
+        "comment antialiased 1\ncomment SplatRenderMode: default\n",
+        "comment antialiased pictures 1\n",
+    ] {
+        assert!(!with(comments), "{comments}");
+    }
+}
+
+#[test]
+fn a_sog_says_whether_a_model_is_antialiased() {
+    for (says, antialiased) in [
+        ("\"model\": \"antialiased\", ", true),
+        ("\"antialias\": true, ", true),
+        ("\"model\": \"default\", ", false),
+        ("\"antialias\": false, ", false),
+        ("", false),
+    ] {
+        let sog = sog_1("\"means\": {", &format!("{says}\"means\": {{"));
+        assert_eq!(read("a.sog", &sog).unwrap().0.antialiased, antialiased, "{says}");
+    }
+}

@@ -179,6 +179,9 @@ typedef struct {
   float low[3];
   // Greatest coordinates of the means of the finest level; minus infinity in a stream without Gaussians.
   float high[3];
+  // 1 if the model was trained to be drawn with opacity compensated for the blur of 0.3 square pixels
+  // (Mip-Splatting, gsplat's "antialiased"), otherwise 0.
+  uint32_t antialiased;
 } gsvx_info;
 
 // What the index knows of a chunk: a part of the scene that decodes alone.
@@ -224,6 +227,8 @@ typedef struct {
   uint32_t sh_degree;
   // One of `gsvx_axes`.
   uint32_t axes;
+  // See `gsvx_info.antialiased`.
+  uint32_t antialiased;
 } gsvx_model;
 
 // What a stream aims for. 0 is the default of each option; NULL stands for all defaults.

@@ -10,6 +10,7 @@ use gsvx::{Aim, DEFAULT_QUALITY, Encoder};
 pub(crate) struct Arrays<'a> {
     pub(crate) axes: u32,
     pub(crate) sh_degree: u8,
+    pub(crate) antialiased: bool,
     pub(crate) means: &'a [f32],
     pub(crate) rotations: &'a [f32],
     pub(crate) log_scales: &'a [f32],
@@ -35,6 +36,7 @@ pub(crate) fn encode(
         opacity_logits: arrays.opacity_logits.to_vec(),
         sh_degree: arrays.sh_degree,
         sh: rows(arrays.sh),
+        antialiased: arrays.antialiased,
         ..Scene::default()
     };
     axes(arrays.axes)?.turn_back(&mut scene);

@@ -134,6 +134,9 @@ pub struct Info {
     pub low: [f32; 3],
     /// Greatest coordinates of the means of the finest level; minus infinity in a stream without Gaussians.
     pub high: [f32; 3],
+    /// 1 if the model was trained to be drawn with opacity compensated for the blur of 0.3 square pixels
+    /// (Mip-Splatting, gsplat's "antialiased"), otherwise 0.
+    pub antialiased: u32,
 }
 
 /// What the index knows of a chunk: a part of the scene that decodes alone.
@@ -193,6 +196,8 @@ pub struct Model {
     pub sh_degree: u32,
     /// One of `gsvx_axes`.
     pub axes: u32,
+    /// See `gsvx_info.antialiased`.
+    pub antialiased: u32,
 }
 
 /// What a stream aims for. 0 is the default of each option; NULL stands for all defaults.

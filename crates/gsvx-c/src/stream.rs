@@ -133,6 +133,7 @@ impl State {
             sh_degree: self.sh_degree()?.into(),
             low,
             high,
+            antialiased: index.header.antialiased.into(),
         })
     }
 

@@ -150,7 +150,7 @@ const PLY: &str = "ply";
 
 /// Writes what the decoder gives as PLY.
 fn write_ply(decoder: &Decoder<'_>, output: Output) -> Result<Written> {
-    let header = ply::header(decoder.len(), decoder.sh_degree());
+    let header = ply::header(decoder.len(), &decoder.empty_scene());
     // Every thread writes what it decodes to where it belongs: nothing waits for its turn, and
     // nothing holds more than a block of floats.
     if output.is_file() {

@@ -20,6 +20,9 @@ pub(crate) fn model(loaded: &Loaded, path: &Path, report: Reporter) -> Result<()
         scene.len(),
         scene.sh_degree,
     );
+    if scene.antialiased {
+        text += "  antialiased    yes: opacity is compensated for the blur\n";
+    }
     let [low, high] = scene.bounds();
     let spread = (!scene.is_empty()).then(|| Spread::of(scene));
     if let Some(spread) = &spread {
@@ -34,6 +37,7 @@ pub(crate) fn model(loaded: &Loaded, path: &Path, report: Reporter) -> Result<()
         "gaussians": scene.len(),
         "gaussians_in_file": file.gaussians_in_file,
         "sh_degree": scene.sh_degree,
+        "antialiased": scene.antialiased,
         "low": low,
         "high": high,
         "spread": spread.map(|s| s.json()),

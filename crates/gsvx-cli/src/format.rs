@@ -89,5 +89,11 @@ pub(crate) fn write(format: &Format, output: Output, scene: &Scene) -> Result<Wr
         let (first, format) = (kept + 1, format.extensions[0]);
         note(format_args!("skipped: SH degrees {first} to {all}: .{format} does not hold them"));
     }
+    if scene.antialiased && !format.says_antialiased {
+        note(format_args!(
+            "skipped: .{} does not say that the model is antialiased, so viewers draw it with too much opacity",
+            format.extensions[0]
+        ));
+    }
     Ok(written)
 }

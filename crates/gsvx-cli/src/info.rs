@@ -51,6 +51,9 @@ fn stream(bytes: &[u8], path: &Path, args: &InfoArgs, report: Reporter) -> Resul
     };
     line(format!("  Gaussians      {}{coded_exactly}", h.count));
     line(format!("  SH degree      {}", h.sh_degree));
+    if h.antialiased {
+        line("  antialiased    yes: opacity is compensated for the blur".into());
+    }
     line(format!("  octree depth   {}", h.j_high));
     let [x, y, z] = h.cube.origin.map(short);
     line(format!("  cube           side {} at ({x}, {y}, {z})", short(h.cube.side)));
@@ -79,6 +82,7 @@ fn stream(bytes: &[u8], path: &Path, args: &InfoArgs, report: Reporter) -> Resul
         "gaussians": h.count,
         "exact_gaussians": exact,
         "sh_degree": h.sh_degree,
+        "antialiased": h.antialiased,
         "octree_depth": h.j_high,
         "cube": { "origin": h.cube.origin, "side": h.cube.side },
         "lods": 1 + index.coarsest_lod(),

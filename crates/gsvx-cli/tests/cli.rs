@@ -212,6 +212,29 @@ fn render_writes_one_png_per_camera() {
     wrong_usage(&run(&words("render @ -o @"), &[&model, &out]), "--orbit");
 }
 
+/// A model that is antialiased: from any format to any that can say so; a word where one cannot.
+#[test]
+fn an_antialiased_model_stays_so() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
+    let model = at("model.ply");
+    let scene = gs_model::Scene { antialiased: true, ..common::scene() };
+    gs_model::ply::write(&model, &scene).unwrap();
+    let (spz, stream, back, splat) = (at("a.spz"), at("a.gsvx"), at("back.ply"), at("a.splat"));
+    ok(&words("convert @ @"), &[&model, &spz]);
+    assert_eq!(std::fs::read(&spz).unwrap()[14], 1);
+    ok(&words("encode @ --no-estimate -o @"), &[&spz, &stream]);
+    ok(&words("decode @ -o @"), &[&stream, &back]);
+    let ply = std::fs::read(&back).unwrap();
+    assert!(String::from_utf8_lossy(&ply[..100]).contains("\ncomment SplatRenderMode: mip\n"));
+    for path in [&model, &spz, &stream, &back] {
+        assert_eq!(common::json(&words("info @"), &[path])["antialiased"], true, "{path:?}");
+        assert!(ok(&words("info @"), &[path]).contains("antialiased    yes"), "{path:?}");
+    }
+    let heard = common::heard(&common::run(&words("convert @ @"), &[&stream, &splat]));
+    assert!(heard.contains(".splat does not say that the model is antialiased"), "{heard}");
+}
+
 #[test]
 fn convert_and_compare() {
     let dir = tempfile::tempdir().unwrap();

@@ -22,6 +22,7 @@ struct City {
 /// Rooms side by side. Those of the last file are small and among those of the others.
 fn rooms(file: usize, copies: usize) -> Scene {
     let (mut room, _) = ply::read(model()).unwrap();
+    room.antialiased = true;
     room.cut_sh(1);
     let mut scene = Scene { sh_degree: 1, ..Scene::default() };
     for copy in 0..copies {
@@ -107,6 +108,23 @@ fn a_bound_on_memory_changes_no_byte() {
     let mut command = of(&["encode", "--memory", "1G", "--threads", "1"], &[whole], &again);
     run(command.arg("--scratch").arg(&scratch));
     assert!(std::fs::read(&again).unwrap() == CITY.stream && !scratch.exists());
+}
+
+#[test]
+fn an_antialiased_model_and_another_are_not_one_scene() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut scene = common::scene();
+    let [with, without, output] =
+        ["with.ply", "without.ply", "out.gsvx"].map(|n| dir.path().join(n));
+    ply::write(&without, &scene).unwrap();
+    scene.antialiased = true;
+    ply::write(&with, &scene).unwrap();
+    let words = ["encode", "@", "@", "-o", "@"];
+    let out = common::run(&words, &[&without, &with, &output]);
+    let said = format!("{} is antialiased and {} is not", with.display(), without.display());
+    common::one_line(&out, &said);
+    common::ok(&["encode", "@", "@", "--no-estimate", "-o", "@"], &[&with, &with, &output]);
+    assert!(gsvx::decode(&std::fs::read(&output).unwrap()).unwrap().antialiased);
 }
 
 #[test]

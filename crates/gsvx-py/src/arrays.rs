@@ -25,6 +25,7 @@ pub(crate) struct SplatArrays<'py> {
     sh0: PyReadonlyArray3<'py, f32>,
     #[pyo3(item("shN"))]
     rest: PyReadonlyArray3<'py, f32>,
+    antialiased: bool,
 }
 
 impl SplatArrays<'_> {
@@ -54,6 +55,7 @@ impl SplatArrays<'_> {
         let Some(sh_degree) = (0..4).find(|&degree| usize::from(degree * (degree + 2)) == k) else {
             return Err(Fault::Usage(format!("shN: K of 0, 3, 8 or 15 expected, not {k}")).into());
         };
+        let antialiased = self.antialiased;
         let (dc, rest) = (self.sh0.as_array(), self.rest.as_array());
         let (means, scales) = (self.means.as_array(), self.scales.as_array());
         let (quats, opacities) = (self.quats.as_array(), self.opacities.as_array());
@@ -67,6 +69,7 @@ impl SplatArrays<'_> {
             },
             sh_degree,
             sh: coefficients(&dc, &rest),
+            antialiased,
             ..Scene::default()
         }))
     }
@@ -108,5 +111,6 @@ pub(crate) fn dict(py: Python<'_>, scene: Scene) -> PyResult<Bound<'_, PyDict>> 
     out.set_item("quats", flat(scene.rotations.into_flattened()).reshape([n, 4])?)?;
     out.set_item("opacities", flat(scene.opacity_logits))?;
     out.set_item("sh", flat(scene.sh.into_flattened()).reshape([n, k, 3])?)?;
+    out.set_item("antialiased", scene.antialiased)?;
     Ok(out)
 }

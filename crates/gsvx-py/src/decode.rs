@@ -97,6 +97,7 @@ fn head<'py>(py: Python<'py>, index: &Index) -> PyResult<Bound<'py, PyDict>> {
     let header = &index.header;
     out.set_item("gaussians", header.count)?;
     out.set_item("sh_degree", header.sh_degree)?;
+    out.set_item("antialiased", header.antialiased)?;
     out.set_item("octree_depth", header.j_high)?;
     out.set_item("cube_origin", header.cube.origin)?;
     out.set_item("cube_side", header.cube.side)?;

@@ -48,14 +48,18 @@ fn starts_like_stream(path: &Path) -> io::Result<bool> {
     Ok(start == gsvx::SIGNATURE)
 }
 
-/// Writes a model; the extension names the format.
+/// Writes a model; the extension names the format. False if the format does not say that the model is antialiased.
 #[pyfunction]
-pub(crate) fn write_model(py: Python<'_>, path: PathBuf, splats: SplatArrays<'_>) -> PyResult<()> {
+pub(crate) fn write_model(
+    py: Python<'_>,
+    path: PathBuf,
+    splats: SplatArrays<'_>,
+) -> PyResult<bool> {
     let (pool, scene) = splats.take()?;
     run(py, pool, None, move |_| write(&path, &scene))
 }
 
-fn write(path: &Path, scene: &Scene) -> Result<()> {
+fn write(path: &Path, scene: &Scene) -> Result<bool> {
     let name = path.display();
     let Some(format) = Format::of_name(path).filter(|format| format.is_written()) else {
         let written = Format::all().iter().filter(|format| format.is_written());
@@ -67,5 +71,6 @@ fn write(path: &Path, scene: &Scene) -> Result<()> {
         };
         return Err(Fault::Usage(format!("{name}: {why}")));
     };
-    Ok(format.write(path, scene)?)
+    format.write(path, scene)?;
+    Ok(format.says_antialiased || !scene.antialiased)
 }

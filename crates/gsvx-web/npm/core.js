@@ -191,7 +191,8 @@ export class Decoding {
     for (const [name, array] of Object.entries(scene)) {
       if (count < total) scene[name] = array.slice(0, (array.length / total) * count);
     }
-    this.emit({ type: 'scene', scene: { ...scene, count, shDegree } }, Object.values(scene).map((array) => array.buffer));
+    const { antialiased } = this.head;
+    this.emit({ type: 'scene', scene: { ...scene, count, shDegree, antialiased } }, Object.values(scene).map((array) => array.buffer));
   }
 
   /** All bytes that there are have arrived. */

@@ -76,6 +76,8 @@ export interface Head {
   lod: number;
   /** SH degree that will be decoded. */
   shDegree: number;
+  /** True for a model trained to be drawn with opacity compensated for the blur of 0.3 pixels (Mip-Splatting). */
+  antialiased: boolean;
   /** Gaussians of that level. */
   total: number;
 }
@@ -160,6 +162,7 @@ export interface Result {
 export type Scene<L extends Layout = 'planar'> = Layouts[L] & {
   count: number;
   shDegree: number;
+  antialiased: boolean;
   skipped: string[];
   memory: number;
 };

@@ -11,7 +11,8 @@ export function splatMesh({ count, data }) {
 
 /**
  * A group that shows a stream as it arrives: `done` is the promise of {@link decode}. Options are those of
- * `decode`.
+ * `decode`. The blur is that of the SparkRenderer: an antialiased model (`head.antialiased`) needs
+ * `preBlurAmount: 0, blurAmount: 0.3`, any other `preBlurAmount: 0.3, blurAmount: 0`.
  */
 export class GSVXSplats extends Group {
   constructor(source, { onChunk, ...options } = {}) {

@@ -9,11 +9,12 @@ fn numbers(values: impl IntoIterator<Item = f64>) -> JsValue {
     values.into_iter().map(JsValue::from_f64).collect::<Array>().into()
 }
 
-/// `{ count, shDegree, headLength, length, lods, chunks }`.
+/// `{ count, shDegree, antialiased, headLength, length, lods, chunks }`.
 pub(crate) fn of(index: &Index) -> JsValue {
     let head = Object::new();
     set(&head, "count", &(index.header.count as f64).into());
     set(&head, "shDegree", &index.header.sh_degree.into());
+    set(&head, "antialiased", &index.header.antialiased.into());
     set(&head, "headLength", &(index.head_len as f64).into());
     set(&head, "length", &(index.stream_len() as f64).into());
     set(&head, "lods", &(1 + index.coarsest_lod()).into());

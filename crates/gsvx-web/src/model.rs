@@ -46,6 +46,13 @@ impl WholeModel {
         self.scene.sh_degree
     }
 
+    /// Whether opacity is to be compensated for the blur.
+    #[wasm_bindgen(getter)]
+    #[must_use]
+    pub fn antialiased(&self) -> bool {
+        self.scene.antialiased
+    }
+
     /// Some Gaussians as an object of typed arrays with room for `capacity`.
     ///
     /// # Errors

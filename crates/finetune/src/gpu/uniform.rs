@@ -34,7 +34,7 @@ pub(crate) struct StepUniform {
     pub(crate) first_row: u32,
     pub(crate) end_row: u32,
     pub(crate) most_splats: u32,
-    pub(crate) pad: u32,
+    pub(crate) antialiased: u32,
 }
 
 impl StepUniform {
@@ -66,12 +66,14 @@ impl StepUniform {
             Loss::L1Ssim { ssim_weight } => (1, ssim_weight),
         };
         let (count, sh_len) = (scene.len() as u32, scene.sh_len() as u32);
-        Self { count, sh_len, l1_ssim, ssim_weight, ..Self::default() }
+        let antialiased = u32::from(scene.antialiased);
+        Self { count, sh_len, l1_ssim, ssim_weight, antialiased, ..Self::default() }
     }
 
     /// The view of `self` with the scene and loss of `base`.
     pub(crate) fn merge(mut self, base: &Self) -> Self {
         (self.count, self.sh_len) = (base.count, base.sh_len);
+        self.antialiased = base.antialiased;
         (self.l1_ssim, self.ssim_weight) = (base.l1_ssim, base.ssim_weight);
         self
     }

@@ -112,12 +112,14 @@ impl SceneOptimiser {
     /// Moves what the last view shows against its gradients.
     fn descend(&mut self, views: &ViewGradients, adam: Adam, rates: &[f32]) {
         let Self { scene, moments, .. } = self;
-        let k = 3 * scene.sh_len();
+        let (k, antialiased) = (3 * scene.sh_len(), scene.antialiased);
         let Shrinkage { opacity, scale } = self.shrinkage;
         let n = scene.len().max(1) as f32;
         let shrinking = (opacity / n, scale / (3.0 * n));
         let gradient = |i: usize, row: &[f32], g: &mut [f32]| {
-            let Some(found) = views.of_gaussian(&Gaussian::of_row(row), i) else { return };
+            let Some(found) = views.of_gaussian(&Gaussian::of_row(row, antialiased), i) else {
+                return;
+            };
             g[..3].copy_from_slice(&found.mean);
             g[3..3 + k].copy_from_slice(&found.sh.as_flattened()[..k]);
             g[3 + k] = found.opacity_logit;

@@ -60,7 +60,7 @@ fn store_gradient(i: u32, lane: u32) {
         let o = sigmoid(load_opacity(i));
         d_opacity = -(sums[at + 3u] * (1.0 - o));
         let e = Sym2(sums[at + 4u], sums[at + 5u], sums[at + 6u]);
-        let v_s = covariance_adjoint(f.shape.p, f.shape.q, f.shape.r, e);
+        let v_s = shape_gradient(f, e, -sums[at + 3u]);
         let h = v_cols(v_s, f.v0, f.v1);
         d_log_scale = log_scale_adjoint(h, f.v0, f.v1);
         let g = Rot(

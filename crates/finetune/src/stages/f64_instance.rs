@@ -63,14 +63,17 @@ struct Drawn {
     frame: Frame,
     x: f64,
     y: f64,
+    /// As the view shows it.
     opacity: f64,
+    /// Without compensation.
+    free_opacity: f64,
     basis: [f64; 16],
     raw: [f64; 3],
     colour: [f64; 3],
     sh: Vec<[f64; 3]>,
 }
 
-fn draw(lens: &Lens, p: &[f64]) -> Drawn {
+fn draw(lens: &Lens, p: &[f64], antialiased: bool) -> Drawn {
     let rotation = [p[3], p[4], p[5], p[6]];
     let frame = Frame::new(lens, three(p), rotation, three(&p[7..]));
     assert!(frame.in_front);
@@ -80,7 +83,8 @@ fn draw(lens: &Lens, p: &[f64]) -> Drawn {
     Drawn {
         x: lens.fx * frame.m.x * frame.inv_z + lens.cx,
         y: lens.fy * frame.m.y * frame.inv_z + lens.cy,
-        opacity: sigmoid(p[10]),
+        opacity: sigmoid(p[10]) * if antialiased { compensation_of(frame.shape) } else { 1.0 },
+        free_opacity: sigmoid(p[10]),
         colour: raw.map(|c| c.max(0.0)),
         frame,
         basis,
@@ -90,9 +94,9 @@ fn draw(lens: &Lens, p: &[f64]) -> Drawn {
 }
 
 /// The loss, a quadratic of the image, and its gradient with respect to all parameters.
-fn evaluate(lens: &Lens, p: &[f64]) -> (f64, Vec<f64>) {
+fn evaluate(lens: &Lens, p: &[f64], antialiased: bool) -> (f64, Vec<f64>) {
     // Sorted by depth already.
-    let drawn: Vec<Drawn> = p.chunks_exact(STRIDE).map(|p| draw(lens, p)).collect();
+    let drawn: Vec<Drawn> = p.chunks_exact(STRIDE).map(|p| draw(lens, p, antialiased)).collect();
     let mut records = vec![[0.0; 9]; N];
     let mut loss = 0.0;
     for row in 0..SIZE.1 {
@@ -146,14 +150,14 @@ fn evaluate(lens: &Lens, p: &[f64]) -> (f64, Vec<f64>) {
     }
     let mut gradient = Vec::new();
     for (d, r) in drawn.iter().zip(&records) {
-        let shape = shape_adjoint(&d.frame, Sym2(r[4], r[5], r[6]));
+        let shape = shape_adjoint(&d.frame, Sym2(r[4], r[5], r[6]), antialiased.then_some(-r[3]));
         let v_raw = [0, 1, 2].map(|ch| if d.raw[ch] >= 0.0 { r[ch] } else { 0.0 });
         let mean = mean_adjoint(lens, &d.frame, shape.v_s, [r[7], r[8]]);
         let mean = add3(mean, direction_adjoint(&d.frame, &d.sh, v_raw));
         gradient.extend([mean.x, mean.y, mean.z]);
         gradient.extend(shape.d_rotation);
         gradient.extend(shape.d_log_scale);
-        gradient.push(-(r[3] * (1.0 - d.opacity)));
+        gradient.push(-(r[3] * (1.0 - d.free_opacity)));
         gradient.extend(d.basis.iter().flat_map(|b| v_raw.map(|v| b * v)));
     }
     (loss, gradient)
@@ -161,6 +165,15 @@ fn evaluate(lens: &Lens, p: &[f64]) -> (f64, Vec<f64>) {
 
 #[test]
 fn all_gradients_agree_with_central_differences() {
+    gradients_agree(false);
+}
+
+#[test]
+fn gradients_go_through_the_compensation_of_opacity() {
+    gradients_agree(true);
+}
+
+fn gradients_agree(antialiased: bool) {
     let camera = gs_model::Camera {
         name: String::new(),
         width: SIZE.0,
@@ -202,23 +215,23 @@ fn all_gradients_agree_with_central_differences() {
     }
     // The factor is that of half the inverse of the covariance.
     for p in p.chunks_exact(STRIDE) {
-        let s = draw(&lens, p).frame.shape;
+        let s = draw(&lens, p, antialiased).frame.shape;
         let det = 1.0 / (4.0 * s.p * s.p * s.r * s.r);
         let wanted = [det, 2.0 * det * (s.q * s.q + s.r * s.r), 2.0 * det * s.p * s.p];
         for (got, wanted) in [s.det_over_m * s.m, s.cov_xx, s.cov_yy].iter().zip(wanted) {
             assert!((got / wanted - 1.0).abs() < 1e-9, "{got} {wanted}");
         }
     }
-    let frame = draw(&lens, &p[3 * STRIDE..]).frame;
+    let frame = draw(&lens, &p[3 * STRIDE..], antialiased).frame;
     assert!(frame.m.x * frame.inv_z > lens.hi_x && frame.m.y * frame.inv_z > lens.hi_y);
-    let (_, got) = evaluate(&lens, &p);
+    let (_, got) = evaluate(&lens, &p, antialiased);
     let h = 1e-5;
     let wanted: Vec<f64> = (0..p.len())
         .map(|i| {
             let at = |x: f64| {
                 let mut q = p.clone();
                 q[i] = x;
-                evaluate(&lens, &q).0
+                evaluate(&lens, &q, antialiased).0
             };
             (at(p[i] + h) - at(p[i] - h)) / (2.0 * h)
         })

@@ -105,6 +105,15 @@ fn frame_of(i: u32) -> Frame {
     return f;
 }
 
+// The opacity that the view shows.
+fn opacity_of(f: Frame, logit: f32) -> f32 {
+    let opacity = sigmoid(logit);
+    if (u.antialiased == 1u) {
+        return opacity * compensation_of(f.shape);
+    }
+    return opacity;
+}
+
 fn direction_of(from_eye: V3) -> V3 {
     let inv = 1.0 / sqrt(dot3(from_eye, from_eye));
     return scale3(from_eye, inv);

@@ -153,14 +153,15 @@ impl Shapes {
         }
         let mut out = Self::default();
         for l in 0..LANES {
-            let opacity = sigmoid(logit[l]);
-            let o255 = opacity * 255.0;
             let f = Frame::new(
                 &view.lens,
                 [mean[0][l], mean[1][l], mean[2][l]],
                 [rotation[0][l], rotation[1][l], rotation[2][l], rotation[3][l]],
                 [log_scale[0][l], log_scale[1][l], log_scale[2][l]],
             );
+            let compensation = select(1.0, compensation_of(f.shape), scene.antialiased);
+            let opacity = sigmoid(logit[l]) * compensation;
+            let o255 = opacity * 255.0;
             let x = view.lens.fx * (f.m.x * f.inv_z) + view.lens.cx;
             let y = view.lens.fy * (f.m.y * f.inv_z) + view.lens.cy;
             let Shape { p, q, r, cov_xx, cov_yy, .. } = f.shape;

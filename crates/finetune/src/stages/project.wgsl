@@ -59,9 +59,9 @@ fn project(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_in
         return;
     }
     keys[page.first + i] = CULLED;
-    let opacity = sigmoid(load_opacity(i));
-    let o255 = opacity * 255.0;
     let f = frame_of(i);
+    let opacity = opacity_of(f, load_opacity(i));
+    let o255 = opacity * 255.0;
     if (!(o255 > 1.0 && f.visible)) {
         return;
     }

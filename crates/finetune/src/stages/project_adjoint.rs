@@ -29,6 +29,7 @@ pub(crate) struct Gaussian<'a> {
     log_scale: [f32; 3],
     opacity_logit: f32,
     sh: &'a [[f32; 3]],
+    antialiased: bool,
 }
 
 impl<'a> Gaussian<'a> {
@@ -41,12 +42,13 @@ impl<'a> Gaussian<'a> {
             log_scale: scene.log_scales[i],
             opacity_logit: scene.opacity_logits[i],
             sh: scene.sh_of(i),
+            antialiased: scene.antialiased,
         }
     }
 
     /// Of a row of `SceneOptimiser`.
     #[inline(always)]
-    pub(crate) fn of_row(row: &'a [f32]) -> Self {
+    pub(crate) fn of_row(row: &'a [f32], antialiased: bool) -> Self {
         let at = row.len() - 8;
         let four = |i: usize| [row[i], row[i + 1], row[i + 2], row[i + 3]];
         Self {
@@ -55,6 +57,7 @@ impl<'a> Gaussian<'a> {
             log_scale: [row[at + 1], row[at + 2], row[at + 3]],
             opacity_logit: row[at],
             sh: row[3..at].as_chunks().0,
+            antialiased,
         }
     }
 }
@@ -67,15 +70,18 @@ pub(crate) fn parameter_gradient<const N: usize>(
     gaussian: &Gaussian<'_>,
     record: &[f32; N],
 ) -> ParameterGradient {
-    let Gaussian { mean, rotation, log_scale, opacity_logit, sh } = gaussian;
+    let Gaussian { mean, rotation, log_scale, opacity_logit, sh, antialiased } = gaussian;
     let f = Frame::new(&view.lens, *mean, *rotation, *log_scale);
-    let shape = shape_adjoint(&f, Sym2(record[4], record[5], record[6]));
+    // v_o = -(sum of v_sigma) / o.
+    let v_ln_opacity = -record[3];
+    let v_compensation = antialiased.then_some(v_ln_opacity);
+    let shape = shape_adjoint(&f, Sym2(record[4], record[5], record[6]), v_compensation);
     // With respect to the colour before its clamp.
     let v_raw = [record[0], record[1], record[2]];
     let o = sigmoid(*opacity_logit);
     let mut out = ParameterGradient {
-        // v_o = -(sum of v_sigma) / o and do/dl = o (1 - o).
-        opacity_logit: -(record[3] * (1.0 - o)) * weight,
+        // do/dl = o (1 - o).
+        opacity_logit: v_ln_opacity * (1.0 - o) * weight,
         log_scale: shape.d_log_scale.map(|v| v * weight),
         rotation: shape.d_rotation.map(|v| v * weight),
         ..ParameterGradient::default()

@@ -36,7 +36,8 @@ struct StepUniform {
     first_row: u32,
     end_row: u32,
     most_splats: u32,
-    pad: u32,
+    // 1 if the opacity of the Gaussians is compensated for the blur.
+    antialiased: u32,
 }
 
 @group(0) @binding(0) var<uniform> u: StepUniform;

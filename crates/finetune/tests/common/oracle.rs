@@ -13,6 +13,7 @@ pub struct Parameters {
     pub opacity_logits: Vec<f64>,
     pub sh: Vec<[f64; 3]>,
     pub degree: u8,
+    pub antialiased: bool,
 }
 
 impl Parameters {
@@ -24,6 +25,7 @@ impl Parameters {
             opacity_logits: s.opacity_logits.iter().map(|&v| f64::from(v)).collect(),
             sh: s.sh.iter().map(|v| v.map(f64::from)).collect(),
             degree: s.sh_degree,
+            antialiased: s.antialiased,
         }
     }
 }
@@ -112,6 +114,8 @@ fn project(p: &Parameters, camera: &Camera, i: usize) -> Option<OracleSplat> {
     };
     let (a, b, c) = (s2(t[0], t[0]) + 0.3, s2(t[0], t[1]), s2(t[1], t[1]) + 0.3);
     let det = a * c - b * b;
+    let before = (a - 0.3) * (c - 0.3) - b * b;
+    let compensation = if p.antialiased { (before / det).sqrt() } else { 1.0 };
     let d = mu - camera.position();
     let d = d / d.length();
     let k = (p.degree as usize + 1).pow(2);
@@ -129,7 +133,7 @@ fn project(p: &Parameters, camera: &Camera, i: usize) -> Option<OracleSplat> {
         x: camera.fx * m.x / m.z + camera.cx,
         y: camera.fy * m.y / m.z + camera.cy,
         conic: [c / det, -b / det, a / det],
-        opacity: 1.0 / (1.0 + (-p.opacity_logits[i]).exp()),
+        opacity: compensation / (1.0 + (-p.opacity_logits[i]).exp()),
         colour: colour.map(|c| c.max(0.0)),
     })
 }

@@ -49,6 +49,7 @@ pub(crate) static FORMAT: Format = Format {
     extensions: &["glb", "gltf"],
     magic: &[container::MAGIC],
     max_sh_degree: 3,
+    says_antialiased: false,
     read: read::read,
     write: Some(write::write),
 };

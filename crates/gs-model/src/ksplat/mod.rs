@@ -25,6 +25,7 @@ pub(crate) static FORMAT: Format = Format {
     extensions: &["ksplat"],
     magic: &[],
     max_sh_degree: 3,
+    says_antialiased: false,
     read: |file, bytes, _| read(file, bytes),
     write: None,
 };

@@ -148,7 +148,7 @@ impl PlyHeader {
         let others =
             self.elements.iter().filter(|e| e.count > 0 && !read.contains(&e.name.as_str()));
         let others = list(others.map(|e| format!("{} ({} rows)", e.name, e.count)));
-        let comments = self.comments.iter().filter(|comment| !names_maker(comment));
+        let comments = self.comments.iter().filter(|c| !names_maker(c) && antialiased(c).is_none());
         let comments = list(comments.cloned());
         let trailing = (trailing_bytes > 0)
             .then(|| format!("{trailing_bytes} bytes after the last row are not read"));
@@ -162,6 +162,23 @@ impl PlyHeader {
         .into_iter()
         .flatten()
         .collect()
+    }
+
+    /// Whether the comments say that the model is antialiased. The last one that says so or the opposite counts.
+    pub(super) fn antialiased(&self) -> Option<bool> {
+        self.comments.iter().rev().find_map(|comment| antialiased(comment))
+    }
+}
+
+/// Whether a comment says that the model is antialiased: `SplatRenderMode: mip` (Brush, gsplat, nerfstudio) or
+/// `antialiased 1` (Postshot), in any case.
+fn antialiased(comment: &str) -> Option<bool> {
+    let comment = comment.to_ascii_lowercase();
+    let value = |name: &str| Some(comment.strip_prefix(name)?.trim_start_matches([':', ' ', '\t']));
+    match value("splatrendermode").or_else(|| value("antialiased"))? {
+        "mip" | "1" | "true" => Some(true),
+        "default" | "0" | "false" => Some(false),
+        _ => None,
     }
 }
 

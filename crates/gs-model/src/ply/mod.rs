@@ -7,7 +7,8 @@
 //! normals. [`Report::notes`] names what it skips: other properties that are not zero, other elements, SH
 //! coefficients of degree 4, comments that say more than who made the file. It also takes models of 2D Gaussian
 //! splatting (two scales), of Mip-Splatting (`filter_3D`), and with `red green blue`: the notes say what became
-//! of them. PlayCanvas' `compressed.ply` is read too, under the feature `formats`.
+//! of them. A comment says whether a model is antialiased: `SplatRenderMode: mip`, or Postshot's `antialiased 1`; the
+//! former is written. PlayCanvas' `compressed.ply` is read too, under the feature `formats`.
 
 mod ascii;
 mod binary;
@@ -41,6 +42,7 @@ pub(crate) static FORMAT: Format = Format {
     extensions: &["ply"],
     magic: &[b"ply"],
     max_sh_degree: 3,
+    says_antialiased: true,
     read: |file, bytes, _| read_file(file, bytes),
     write: Some(write::write_all),
 };
@@ -121,7 +123,13 @@ fn read_file(file: &Path, bytes: &[u8]) -> Result<(Scene, Report)> {
             (scene, bytes.len() - end)
         }
     };
+    let scene = Scene { antialiased: antialiased(&header, &columns), ..scene };
     Ok((scene, report_of(&header, &columns, trailing_bytes)))
+}
+
+/// Whether a model is antialiased. Models of Mip-Splatting are, whatever their comments leave out.
+fn antialiased(header: &PlyHeader, columns: &Columns) -> bool {
+    header.antialiased().unwrap_or(columns.variants.filter_3d.is_some())
 }
 
 /// What a file of that header holds, after its rows were read.

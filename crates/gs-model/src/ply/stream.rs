@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use super::binary::RowLayout;
 use super::columns::Columns;
 use super::header::{self, Encoding, PlyHeader};
-use super::report_of;
+use super::{antialiased, report_of};
 use crate::error::{Error, Result};
 use crate::report::{Cleaned, ReadOptions, Report};
 use crate::rows;
@@ -30,7 +30,7 @@ pub(super) fn read(path: &Path) -> Result<Option<(Scene, Report)>> {
         return Ok(None);
     }
     let Some(mut body) = Body::open(path)? else { return Ok(None) };
-    let mut scene = Scene::zeros(body.rows, body.columns.sh_degree);
+    let mut scene = body.zeros(body.rows);
     while body.first < body.rows {
         body.fill_part(&mut scene, 0)?;
     }
@@ -156,13 +156,19 @@ impl Body {
         }))
     }
 
+    /// So many Gaussians, to be filled in.
+    fn zeros(&self, n: usize) -> Scene {
+        let antialiased = antialiased(&self.header, &self.columns);
+        Scene { antialiased, ..Scene::zeros(n, self.columns.sh_degree) }
+    }
+
     /// The Gaussians that have been read; `None` at the end.
     fn next_part(&mut self) -> Result<Option<Scene>> {
         if self.first == self.rows {
             return Ok(None);
         }
         let rows = self.part.len() / self.layout.stride;
-        let mut scene = Scene::zeros(rows, self.columns.sh_degree);
+        let mut scene = self.zeros(rows);
         self.fill_part(&mut scene, self.first)?;
         Ok(Some(scene))
     }

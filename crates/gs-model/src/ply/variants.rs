@@ -61,7 +61,7 @@ impl Variants {
     pub(super) fn notes(&self) -> Vec<String> {
         let discs =
             "two scales (2D Gaussian splatting): each disc is a thousandth of its width thick";
-        let filter = "filter_3D (Mip-Splatting) is part of the scales and opacities now";
+        let filter = "filter_3D (Mip-Splatting) is part of the scales and opacities now, and the model is antialiased";
         let colours = self.colours.map(|full| {
             format!("red, green and blue, 0 to {full}, are the SH coefficients of degree 0")
         });

@@ -35,12 +35,12 @@ pub fn write_to(out: impl Write, scene: &Scene) -> Result<()> {
     super::FORMAT.write_to("<writer>", out, scene)
 }
 
-/// The header that [`write()`] puts before the rows of `count` Gaussians. With [`rows`] it serves
-/// writers that do not hold the whole scene in memory.
+/// The header that [`write()`] puts before the rows of `count` Gaussians of a scene, of which `scene` may hold none. With
+/// [`rows`] it serves writers that do not hold the whole scene in memory.
 #[must_use]
-pub fn header(count: usize, sh_degree: u8) -> Vec<u8> {
-    let vertex = element("vertex", count, "float", &columns::inria_names(sh_degree));
-    header_of(&[vertex])
+pub fn header(count: usize, scene: &Scene) -> Vec<u8> {
+    let vertex = element("vertex", count, "float", &columns::inria_names(scene.sh_degree));
+    header_of(&[vertex], scene)
 }
 
 /// The lines of a header that declare an element whose properties all have the type `kind`.
@@ -54,10 +54,11 @@ pub(super) fn element(
     format!("element {name} {count}\n{}", properties.collect::<String>())
 }
 
-/// The header of these elements.
-pub(super) fn header_of(elements: &[String]) -> Vec<u8> {
+/// The header of a scene in these elements.
+pub(super) fn header_of(elements: &[String], scene: &Scene) -> Vec<u8> {
+    let comment = if scene.antialiased { "comment SplatRenderMode: mip\n" } else { "" };
     let elements = elements.concat();
-    format!("ply\nformat binary_little_endian 1.0\n{elements}end_header\n").into_bytes()
+    format!("ply\nformat binary_little_endian 1.0\n{comment}{elements}end_header\n").into_bytes()
 }
 
 /// Replaces the contents of `out` by the rows of a scene's Gaussians as [`write()`] makes them. Runs
@@ -91,7 +92,7 @@ pub fn row_bytes(sh_degree: u8) -> usize {
 }
 
 pub(super) fn write_all(file: &Path, out: &mut dyn Write, scene: &Scene) -> Result<()> {
-    let header = header(scene.len(), scene.sh_degree);
+    let header = header(scene.len(), scene);
     out.write_all(&header).map_err(|e| Error::io(file, "write", e))?;
     write_rows(file, out, scene)
 }

@@ -24,6 +24,7 @@ pub(super) struct Meta {
     /// The opacity logits of the bytes.
     pub(super) opacities: Vec<f32>,
     pub(super) palette: Option<Palette>,
+    pub(super) antialiased: bool,
     /// The names of the images: low and high bytes of the means, rotations, scales, colours, and where
     /// there is a palette, the palette and the places in it.
     pub(super) files: Vec<String>,
@@ -40,10 +41,14 @@ pub(super) struct Palette {
     pub(super) values: Vec<f32>,
 }
 
-/// What says the version; version 1 has none.
+/// What says the version, which version 1 does not, and how the model is drawn.
 #[derive(Deserialize)]
 struct Version {
     version: Option<u64>,
+    /// `antialiased`, as SplatTransform writes it.
+    model: Option<String>,
+    /// What its first versions were specified with.
+    antialias: Option<bool>,
 }
 
 #[derive(Deserialize)]
@@ -183,14 +188,19 @@ impl Meta {
         let not_meta = |e| Error::json(file, "a SOG's meta.json", e);
         let bad = |reason: String| Error::malformed(file, "meta.json", reason);
         let version: Version = serde_json::from_slice(json).map_err(not_meta)?;
-        match version.version {
+        let antialiased = match version.model {
+            Some(model) => model.eq_ignore_ascii_case("antialiased"),
+            None => version.antialias == Some(true),
+        };
+        let meta = match version.version {
             None | Some(1) => {
                 let meta = serde_json::from_slice::<Meta1>(json).map_err(not_meta)?.meta();
                 meta.map_err(|reason| bad(reason.into()))
             }
             Some(2) => serde_json::from_slice::<Meta2>(json).map_err(not_meta)?.meta().map_err(bad),
             Some(other) => Err(Error::version(file, "SOG", other, "1 and 2 are")),
-        }
+        };
+        Ok(Self { antialiased, ..meta? })
     }
 
     pub(super) fn sh_degree(&self) -> u8 {
@@ -223,6 +233,7 @@ impl Meta1 {
             colours: [0, 1, 2].map(|k| steps(sh0.mins[k], sh0.maxs[k])),
             opacities: steps(sh0.mins[3], sh0.maxs[3]),
             palette: palette.transpose()?,
+            antialiased: false,
             files,
             notes: unread(others),
         })
@@ -253,6 +264,7 @@ impl Meta2 {
             colours: [(); 3].map(|()| colour.clone()),
             opacities: (0..=255).map(opacity_logit).collect(),
             palette,
+            antialiased: false,
             files,
             notes,
         })

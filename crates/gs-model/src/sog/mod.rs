@@ -33,6 +33,7 @@ pub(crate) static FORMAT: Format = Format {
     extensions: &["sog", "json"],
     magic: &[b"PK\x03\x04"],
     max_sh_degree: 3,
+    says_antialiased: true,
     read: |file, bytes, _| read(file, bytes),
     write: None,
 };
@@ -58,6 +59,7 @@ fn read(file: &Path, bytes: &[u8]) -> Result<(Scene, Report)> {
         .collect();
     let textures: Vec<Texture> = textures.into_iter().collect::<Result<_>>()?;
     let scene = decoder::scene(file, &meta, &textures)?;
+    let scene = Scene { antialiased: meta.antialiased, ..scene };
     let form = format!("SOG, version {}", meta.version);
     let bytes_beside = match members {
         Members::Folder(_) => images.iter().map(|image| image.len() as u64).sum(),

@@ -13,19 +13,22 @@ use crate::splat::opacity_logit;
 /// A colour's byte is `255 (1/2 + COLOUR_SCALE * coefficient)`.
 pub(super) const COLOUR_SCALE: f32 = 0.15;
 
+/// The flag of a model that is antialiased.
+pub(super) const ANTIALIASED: u8 = 1;
+
 /// What the header says about the attributes.
 pub(super) struct SpzLayout {
     version: u32,
     sh_degree: u8,
     fractional_bits: u8,
+    antialiased: bool,
 }
 
 impl SpzLayout {
     pub(super) fn new(
         file: &Path,
         version: u32,
-        sh_degree: u8,
-        fractional_bits: u8,
+        [sh_degree, fractional_bits, flags]: [u8; 3],
     ) -> Result<Self> {
         let bad = |reason: &str| Err(Error::malformed(file, "SPZ header", reason));
         if sh_degree > 4 {
@@ -34,7 +37,7 @@ impl SpzLayout {
         if fractional_bits > 31 {
             return bad("more than 31 fractional bits");
         }
-        Ok(Self { version, sh_degree, fractional_bits })
+        Ok(Self { version, sh_degree, fractional_bits, antialiased: flags & ANTIALIASED != 0 })
     }
 
     /// Bytes per Gaussian of each attribute, in file order.
@@ -52,7 +55,7 @@ impl SpzLayout {
     pub(super) fn scene(&self, streams: [&[u8]; 6], n: usize, signs: &Signs) -> Scene {
         let sizes = self.sizes();
         let unit = 1.0 / f64::from(1u32 << self.fractional_bits);
-        rows::scene_of(n, self.sh_degree.min(3), |i| {
+        let scene = rows::scene_of(n, self.sh_degree.min(3), |i| {
             let at = |k: usize| &streams[k][i * sizes[k]..(i + 1) * sizes[k]];
             let [position, opacity, colour, log_scale, rotation, sh] = std::array::from_fn(at);
             let mean = [0, 1, 2].map(|k| (unit * f64::from(fixed24(&position[3 * k..]))) as f32);
@@ -69,7 +72,8 @@ impl SpzLayout {
                 11..14 => (f32::from(colour[c - SH]) / 255.0 - 0.5) / COLOUR_SCALE,
                 _ => signs.sh((c - SH) / 3, (f32::from(sh[c - SH - 3]) - 128.0) / 128.0),
             }
-        })
+        });
+        Scene { antialiased: self.antialiased, ..scene }
     }
 }
 

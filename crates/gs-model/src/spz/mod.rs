@@ -41,6 +41,7 @@ pub(crate) static FORMAT: Format = Format {
     extensions: &["spz"],
     magic: &[b"\x1f\x8b\x08", MAGIC],
     max_sh_degree: 3,
+    says_antialiased: true,
     read,
     write: Some(write::write),
 };
@@ -130,7 +131,8 @@ fn unzipped(file: &Path, bytes: &[u8]) -> Result<Unpacked> {
     if !matches!(version, 2 | 3) {
         return Err(Error::version(file, "SPZ", version, READ));
     }
-    let (layout, flags) = (SpzLayout::new(file, version, head[12], head[13])?, head[14]);
+    let flags = head[14];
+    let layout = SpzLayout::new(file, version, [head[12], head[13], flags])?;
     let sizes = layout.sizes().map(|size| u64::from(promised) * size as u64);
     let needed = HEADER as u64 + sizes.iter().sum::<u64>();
     let (mut streams, mut len): ([Vec<u8>; 6], _) = (Default::default(), HEADER as u64);

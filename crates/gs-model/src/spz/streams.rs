@@ -38,7 +38,7 @@ pub(super) fn parse(
         return Err(header());
     }
     let promised = word(bytes, 8);
-    let layout = SpzLayout::new(file, version, bytes[12], bytes[13])?;
+    let layout = SpzLayout::new(file, version, [bytes[12], bytes[13], bytes[14]])?;
     let sizes = layout.sizes().map(|size| u64::from(promised) * size as u64);
     let needed: u64 = sizes.iter().sum();
     let truncated = |needed| short(file, bytes.len(), promised, needed);

@@ -8,7 +8,7 @@ use flate2::write::GzEncoder;
 use rayon::prelude::*;
 use ruzstd::encoding::{CompressionLevel, compress_to_vec};
 
-use super::layout::COLOUR_SCALE;
+use super::layout::{ANTIALIASED, COLOUR_SCALE};
 use super::{HEADER, MAGIC, streams};
 use crate::axes::ABOUT_X;
 use crate::error::{Error, Result};
@@ -140,7 +140,8 @@ fn start(file: &Path, scene: &Scene, version: u32) -> Result<(Vec<u8>, u8)> {
     let mut out = MAGIC.to_vec();
     out.extend(version.to_le_bytes());
     out.extend(n.to_le_bytes());
-    out.extend([scene.sh_degree, fractional_bits, 0]);
+    let flags = if scene.antialiased { ANTIALIASED } else { 0 };
+    out.extend([scene.sh_degree, fractional_bits, flags]);
     Ok((out, fractional_bits))
 }
 

@@ -28,6 +28,8 @@ namespace Gsvx
         public ulong Gaussians, Bytes, Chunks;
         public uint Levels, ShDegree;
         public float LowX, LowY, LowZ, HighX, HighY, HighZ;
+        /// <summary>1 if opacity is to be compensated for the blur, otherwise 0.</summary>
+        public uint Antialiased;
     }
 
     /// <summary>What the index knows of a chunk: gsvx_chunk.</summary>
@@ -174,6 +176,7 @@ namespace Gsvx
     {
         public Axes Axes;
         public uint ShDegree;
+        public bool Antialiased;
         public float[] Means, Rotations, LogScales, OpacityLogits, Sh;
 
         /// <summary>Encodes the model: for at most so many bytes, or with a quality from 0 to 100.</summary>
@@ -194,6 +197,7 @@ namespace Gsvx
                 {
                     Gaussians = (ulong)count, Means = means, Rotations = rotations, LogScales = logScales,
                     OpacityLogits = logits, Sh = sh, ShDegree = ShDegree, Axes = Axes,
+                    Antialiased = Antialiased ? 1u : 0u,
                 };
                 var status = Native.gsvx_encode(ref model, ref options, out bytes, out size, text);
                 if (status != Status.Ok) throw new GsvxException(status, Native.Text(text));
@@ -261,6 +265,7 @@ namespace Gsvx
             public float* Means, Rotations, LogScales, OpacityLogits, Sh;
             public uint ShDegree;
             public Axes Axes;
+            public uint Antialiased;
         }
 
         internal static string Text(byte[] message)

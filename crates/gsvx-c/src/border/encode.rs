@@ -52,6 +52,7 @@ unsafe fn arrays(model: &Model) -> Result<Arrays<'_>> {
     Ok(Arrays {
         axes: model.axes,
         sh_degree,
+        antialiased: model.antialiased != 0,
         means: floats(model.means, 3, "means")?,
         rotations: floats(model.rotations, 4, "rotations")?,
         log_scales: floats(model.log_scales, 3, "log_scales")?,

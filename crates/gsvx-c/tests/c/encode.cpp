@@ -12,7 +12,7 @@ void encode(gsvx_stream *stream, std::uint64_t max_bytes) {
     gsvx_message why;
     check(gsvx_get_info(stream, &info, &why), why);
     gsvx_model model{means.size() / 3, means.data(), rotations.data(), log_scales.data(),
-                     logits.data(),    sh.data(),    info.sh_degree,   GSVX_AXES_UNITY};
+                     logits.data(),    sh.data(),    info.sh_degree,   GSVX_AXES_UNITY, info.antialiased};
     gsvx_encode_options options{max_bytes, 0};
     std::uint8_t *bytes = nullptr;
     std::size_t size = 0;

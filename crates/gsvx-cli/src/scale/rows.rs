@@ -106,14 +106,13 @@ impl TileRows {
     /// The Gaussians of a tile.
     pub(crate) fn tile(&self, tile: usize) -> Result<Scene> {
         let Range { start, end } = self.places[tile];
-        let Scene { sh_degree, antialiased, origin, .. } = self.empty;
-        let (count, row) = ((end - start) as usize, ply::row_bytes(sh_degree));
-        let mut bytes = ply::header(count, sh_degree);
+        let (count, row) = ((end - start) as usize, ply::row_bytes(self.empty.sh_degree));
+        let mut bytes = ply::header(count, &self.empty);
         let header = bytes.len();
         bytes.resize(header + count * row, 0);
         At(&self.file, start * row as u64)
             .read_exact(&mut bytes[header..])
             .context("the scratch files cannot be read")?;
-        Ok(Scene { antialiased, origin, ..ply::read_bytes(&bytes)?.0 })
+        Ok(Scene { origin: self.empty.origin, ..ply::read_bytes(&bytes)?.0 })
     }
 }

@@ -21,6 +21,8 @@ def to_mesh(name, splats):
         for column, values in _columns(splats):
             attribute = mesh.attributes.new(column, "FLOAT", "POINT")
             attribute.data.foreach_set("value", np.ascontiguousarray(values))
+        if splats.get("antialiased"):
+            mesh["antialiased"] = True
         mesh.update()
     except BaseException:
         bpy.data.meshes.remove(mesh)
@@ -49,7 +51,7 @@ def from_mesh(mesh):
     n = len(mesh.vertices)
     means = np.empty(3 * n, np.float32)
     mesh.vertices.foreach_get("co", means)
-    return {
+    splats = {
         "means": means.reshape(n, 3),
         "scales": groups["scale"].T,
         "quats": groups["rot"].T,
@@ -57,6 +59,7 @@ def from_mesh(mesh):
         "sh0": groups["f_dc"].T[:, None],
         "shN": groups["f_rest"].reshape(3, rest // 3, n).transpose(2, 1, 0),
     }
+    return {**splats, "antialiased": True} if mesh.get("antialiased") else splats
 
 
 def _read(mesh, group, count):

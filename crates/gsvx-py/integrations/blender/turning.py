@@ -21,7 +21,7 @@ def turned(splats, matrix):
         "sh0": splats["sh0"],
         "shN": np.tensordot(sh, splats["shN"], (1, 1)).transpose(1, 0, 2),
     }
-    return {name: array.astype(np.float32, copy=False) for name, array in turned.items()}
+    return {**splats, **{name: array.astype(np.float32, copy=False) for name, array in turned.items()}}
 
 
 def _parts(linear):

@@ -8,8 +8,8 @@ from typing import Any, Dict, Mapping, Sequence, Tuple, Union
 import numpy as np
 import numpy.typing as npt
 
-#: A dict of arrays with gsplat's names. See :func:`gsvx.compress`.
-Splats = Dict[str, npt.NDArray[np.float32]]
+#: A dict of arrays with gsplat's names, and ``antialiased`` if it is true. See :func:`gsvx.compress`.
+Splats = Dict[str, Any]
 #: What functions take as splats: numpy arrays, torch tensors, or anything with ``__array__`` or
 #: ``__dlpack__``.
 SplatsLike = Mapping[str, Any]
@@ -25,6 +25,8 @@ _SHAPES: Dict[str, Tuple[Any, ...]] = {
     "sh0": (1, 3),
     "shN": (None, 3),
 }
+#: True for a model that is trained with gsplat's ``rasterize_mode="antialiased"``.
+_MARK = "antialiased"
 #: SH coefficients beyond the first, by degree.
 _COEFFICIENTS = (0, 3, 8, 15)
 
@@ -53,7 +55,7 @@ def checked(splats: SplatsLike) -> Splats:
     missing = [name for name in _SHAPES if name not in given and name != "shN"]
     if missing:
         raise ValueError(f"splats: {', '.join(missing)} missing")
-    unknown = sorted(given - set(_SHAPES))
+    unknown = sorted(given - set(_SHAPES) - {_MARK})
     if unknown:
         raise ValueError(
             f"splats: {', '.join(unknown)} cannot be kept; a model has {', '.join(_SHAPES)}"
@@ -68,14 +70,17 @@ def checked(splats: SplatsLike) -> Splats:
             text = ", ".join(["N", *("K" if r is None else str(r) for r in rest)])
             text += "," if not rest else ""
             raise ValueError(f"{name}: shape ({text}) with N = {n} expected, not {shape}")
+    antialiased = bool(splats[_MARK]) if _MARK in given else False
     if arrays["shN"].shape[1] not in _COEFFICIENTS:
         k = arrays["shN"].shape[1]
         raise ValueError(f"shN: K of 0, 3, 8 or 15 expected (SH degree 0 to 3), not {k}")
-    return arrays
+    return {**arrays, _MARK: antialiased}
 
 
-def from_native(arrays: Dict[str, npt.NDArray[np.float32]]) -> Splats:
+def from_native(arrays: Dict[str, Any]) -> Splats:
     """Splits SH into sh0 and shN: views of one array, without a copy."""
+    if not arrays[_MARK]:
+        del arrays[_MARK]
     sh = arrays.pop("sh")
     arrays["sh0"], arrays["shN"] = sh[:, :1], sh[:, 1:]
     return arrays
@@ -95,4 +100,6 @@ def joined(parts: Sequence[Splats], sh_degree: int) -> Splats:
         rows, have = len(part["means"]), min(k, part["shN"].shape[1])
         out["shN"][at : at + rows, :have] = part["shN"][:, :have]
         at += rows
+    if any(part.get(_MARK) for part in parts):
+        out[_MARK] = True
     return out

@@ -31,6 +31,7 @@ def compress(
     cameras: Optional[CamerasLike] = None,
     drop_unseen: bool = False,
     drop_invalid: bool = False,
+    antialiased: bool = False,
     web: bool = False,
     lod: bool = False,
     max_sh_degree: int = 3,
@@ -56,6 +57,9 @@ def compress(
     sh0           (N, 1, 3) SH coefficients of degree 0, RGB
     shN           (N, K, 3) the others; K is 0, 3, 8 or 15. May be left out
     ============= ========= ==========================================================
+
+    ``antialiased``, in the dict or as an argument: the model is trained with gsplat's
+    ``rasterize_mode="antialiased"``, and is to be drawn so. The stream keeps it.
 
     Arrays of numpy, tensors of torch, or anything with ``__array__`` or ``__dlpack__``; float32 is read
     as it is, other types are converted. They are not changed. Or the name of a file that
@@ -93,8 +97,11 @@ def compress(
     cannot be used, OSError if a file cannot be read or written.
     """
     check_writable(path)
+    arrays = model(splats)
+    if antialiased:
+        arrays["antialiased"] = True
     stream, report = _encode(
-        splats,
+        arrays,
         cameras,
         progress,
         quality=quality,
@@ -129,7 +136,7 @@ def compress_to_bytes(splats: ModelLike, **options: Any) -> bytes:
 
 
 def _encode(
-    splats: ModelLike,
+    splats: Splats,
     cameras: Optional[CamerasLike],
     progress: Optional[ProgressCallback],
     *,
@@ -144,7 +151,7 @@ def _encode(
         options["quality"] = PRESETS["web"]
     options["web"] = web
     views = None if cameras is None else _as_cameras(cameras, training=True)._native()
-    stream, report = _gsvx.compress(model(splats), options, views, _callback(progress))
+    stream, report = _gsvx.compress(splats, options, views, _callback(progress))
     if report["estimate"] is not None:
         report["estimate"] = Estimate(*report["estimate"])
     return stream, Report(**report)
@@ -218,7 +225,7 @@ def decompress(
     ``salvage``: decode what is whole of a truncated or damaged stream instead of failing; warnings
     say what is missing. ``max_gaussians``: refuse streams of more; the default follows from the length.
 
-    Returns a dict of float32 arrays with gsplat's names; see :func:`gsvx.compress`. Gaussians come in Morton
+    Returns a dict of float32 arrays with gsplat's names, and ``antialiased`` if it is true; see :func:`gsvx.compress`. Gaussians come in Morton
     order, outliers last. ``sh0`` and ``shN`` are views of one array.
 
     Raises :class:`gsvx.Error` for what is no stream or a damaged one, OSError for a file that cannot be

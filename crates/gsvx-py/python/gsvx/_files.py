@@ -104,7 +104,9 @@ def write_model(path: PathLike, splats: SplatsLike) -> None:
 
     Raises ValueError for another extension, OSError if the file cannot be written.
     """
-    _gsvx.write_model(os.fspath(path), checked(splats))
+    if not _gsvx.write_model(os.fspath(path), checked(splats)):
+        text = "the format does not say that the model is antialiased, so viewers draw it with too much opacity"
+        warnings.warn(f"{os.fspath(path)}: {text}", stacklevel=2)
 
 
 def model(value: ModelLike) -> Dict[str, Any]:

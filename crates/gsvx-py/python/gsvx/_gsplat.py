@@ -69,4 +69,6 @@ class GsvxCompression:
             return dict(splats)
         import torch  # type: ignore[import-not-found,unused-ignore]
 
+        # How a model is drawn is an option of gsplat's trainer, no parameter.
+        splats.pop("antialiased", None)
         return {name: torch.from_numpy(np.ascontiguousarray(a)) for name, a in splats.items()}

@@ -27,7 +27,7 @@ __version__: str
 DEFAULT_QUALITY: float
 PRESETS: Dict[str, float]
 
-_Arrays = Dict[str, npt.NDArray[np.float32]]
+_Arrays = Dict[str, Any]
 _Tell = Optional[Callable[..., Any]]
 
 class Error(Exception):
@@ -60,7 +60,7 @@ def compress(
 def read_model(
     path: str, drop_invalid: bool, keep_axes: bool
 ) -> Tuple[_Arrays, List[str]]: ...
-def write_model(path: str, splats: Dict[str, Any]) -> None: ...
+def write_model(path: str, splats: Dict[str, Any]) -> bool: ...
 def compare(
     reference: Dict[str, Any], model: Dict[str, Any], cameras: Dict[str, Any], progress: _Tell
 ) -> List[Tuple[float, float]]: ...

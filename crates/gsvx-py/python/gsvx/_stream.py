@@ -34,13 +34,14 @@ class Chunk:
 class Stream:
     """A stream whose chunks are read one by one; :func:`gsvx.open` makes it.
 
-    ``gaussians``: of the finest level. ``sh_degree``. ``lods``: levels of detail. ``octree_depth``,
+    ``gaussians``: of the finest level. ``sh_degree``. ``antialiased``: see :func:`gsvx.compress`. ``lods``: levels of detail. ``octree_depth``,
     ``cube_origin``, ``cube_side``: the octree. ``size``: its bytes. ``parts``: bytes by part.
     ``chunks``: the index. ``bytes_read``: bytes read so far.
     """
 
     gaussians: int
     sh_degree: int
+    antialiased: bool
     lods: int
     octree_depth: int
     cube_origin: Tuple[float, float, float]
@@ -64,6 +65,7 @@ class Stream:
         head: Dict[str, Any] = self._reader.head() or {}
         self.gaussians = head["gaussians"]
         self.sh_degree = head["sh_degree"]
+        self.antialiased = head["antialiased"]
         self.lods = head["lods"]
         self.octree_depth = head["octree_depth"]
         self.cube_origin = tuple(head["cube_origin"])

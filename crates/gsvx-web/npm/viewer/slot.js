@@ -42,6 +42,7 @@ export class Slot {
     if (type !== 'progress') this.complete = false;
     if (type === 'head') {
       this.head = message.head;
+      view.antialias(message.head.antialiased);
       if (message.detail) this.detail = new Detail(message.head, { budget: stage.budget, view, ask });
     } else if (type === 'progress') Object.assign(this, message);
     else if (type === 'view') this.frame(message);

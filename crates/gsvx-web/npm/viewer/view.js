@@ -21,6 +21,11 @@ export class View {
     this.maxSh = 3;
   }
 
+  /** As the model was trained: a blur whose opacity is compensated, or one that dims nothing. */
+  antialias(antialiased) {
+    Object.assign(this.spark, antialiased ? { preBlurAmount: 0, blurAmount: 0.3 } : { preBlurAmount: 0.3, blurAmount: 0 });
+  }
+
   background(colour) {
     this.scene.background = new Color(colour);
   }

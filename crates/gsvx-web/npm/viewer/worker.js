@@ -71,8 +71,8 @@ async function bytesOf(input) {
 async function model(source, name) {
   const bytes = await bytesOf(await open(source, {}));
   const model = new Model(name, bytes);
-  const { count, shDegree } = model;
-  postMessage({ type: 'head', head: { count, total: count, shDegree, lods: 1, lod: 0, length: bytes.length, chunks: [] } });
+  const { count, shDegree, antialiased } = model;
+  postMessage({ type: 'head', head: { count, total: count, shDegree, antialiased, lods: 1, lod: 0, length: bytes.length, chunks: [] } });
   view(true);
   for (let first = 0; first < count; first += PIECE) {
     const size = Math.min(PIECE, count - first);

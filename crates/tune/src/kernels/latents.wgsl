@@ -54,7 +54,7 @@ fn move_latents(
         let o = sigmoid(logit);
         d_log_alpha = -(sums[at + 3u] * (1.0 - o)) * (1.0 + exp(clamp(logit, MIN_LOGIT, MAX_LOGIT)));
         let e = Sym2(sums[at + 4u], sums[at + 5u], sums[at + 6u]);
-        let v_s = covariance_adjoint(f.shape.p, f.shape.q, f.shape.r, e);
+        let v_s = shape_gradient(f, e, -sums[at + 3u]);
         let h = v_cols(v_s, f.v0, f.v1);
         let d = log_scale_adjoint(h, f.v0, f.v1);
         let turn = Rot(

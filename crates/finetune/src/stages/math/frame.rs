@@ -142,10 +142,14 @@ pub(crate) struct ShapeGradient {
     pub(crate) v_s: Sym2,
 }
 
-/// From E, the sum of v_sigma e e^T over the pixels (see `covariance_adjoint`).
+/// From E, the sum of v_sigma e e^T over the pixels (see `covariance_adjoint`), and the gradient with respect to the
+/// logarithm of the compensation if there is one.
 #[inline(always)]
-pub(crate) fn shape_adjoint(f: &Frame, e: Sym2) -> ShapeGradient {
-    let v_s = covariance_adjoint(f.shape.p, f.shape.q, f.shape.r, e);
+pub(crate) fn shape_adjoint(f: &Frame, e: Sym2, v_compensation: Option<F>) -> ShapeGradient {
+    let mut v_s = covariance_adjoint(f.shape.p, f.shape.q, f.shape.r, e);
+    if let Some(v) = v_compensation {
+        v_s = add_sym2(v_s, compensation_adjoint(f.v0, f.v1, f.shape, F(BLUR), v));
+    }
     let h = v_cols(v_s, f.v0, f.v1);
     let l = log_scale_adjoint(h, f.v0, f.v1);
     let g = Rot(

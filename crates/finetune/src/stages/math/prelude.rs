@@ -19,7 +19,7 @@ positional! {
     V3 { x: F, y: F, z: F }
     Rot { c0: V3, c1: V3, c2: V3 }
     Ewa { t0: V3, t1: V3 }
-    Shape { p: F, q: F, r: F, cov_xx: F, cov_yy: F, det_over_m: F, m: F }
+    Shape { p: F, q: F, r: F, cov_xx: F, cov_yy: F, gram: F, det_over_m: F, m: F }
     Band2 { b0: F, b1: F, b2: F, b3: F, b4: F }
     Band3 { b0: F, b1: F, b2: F, b3: F, b4: F, b5: F, b6: F }
     Gate { og: F, alpha: F, w: F, t: F, counts: B }

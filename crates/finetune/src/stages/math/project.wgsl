@@ -12,7 +12,7 @@ struct Ewa { t0: V3, t1: V3 }
 // The projected shape, with sigma = e0^2 + e1^2, e0 = p dx + q dy, e1 = r dy: the Cholesky
 // factor of half the conic. Against a dx^2 + 2 b dx dy + c dy^2 it costs less, cannot be
 // negative, and does not cancel for needles.
-struct Shape { p: F, q: F, r: F, cov_xx: F, cov_yy: F, det_over_m: F, m: F }
+struct Shape { p: F, q: F, r: F, cov_xx: F, cov_yy: F, gram: F, det_over_m: F, m: F }
 
 fn dot3(a: V3, b: V3) -> F {
     let x = a.x * b.x;
@@ -73,7 +73,8 @@ fn half_cov_row(t: V3, rot: Rot, s: V3) -> V3 {
 
 // Shape of the 2D covariance V V^T + blur I, from the rows of V. The determinant comes from
 // Cauchy-Binet (|v0 x v1|^2 + blur trace + blur^2), so it cannot fall below blur^2; both it
-// and the conic are scaled by the larger diagonal entry m, so that nothing overflows.
+// and the conic are scaled by the larger diagonal entry m, so that nothing overflows. `gram` is the
+// determinant without the blur, scaled likewise.
 fn shape_of(v0: V3, v1: V3, blur: F) -> Shape {
     let s00 = dot3(v0, v0);
     let s01 = dot3(v0, v1);
@@ -103,5 +104,11 @@ fn shape_of(v0: V3, v1: V3, blur: F) -> Shape {
     let q = -(bn / pdet);
     let c2 = c * 2.0;
     let r = sqrt(1.0 / c2);
-    return Shape(p, q, r, a, c, det, m);
+    return Shape(p, q, r, a, c, gram, det, m);
+}
+
+// What the opacity of an antialiased Gaussian is multiplied by, for the blur enlarges it: the square
+// root of the determinant without the blur over that with it.
+fn compensation_of(shape: Shape) -> F {
+    return sqrt(shape.gram / shape.det_over_m);
 }

@@ -30,6 +30,31 @@ fn covariance_adjoint(p: F, q: F, r: F, e: Sym2) -> Sym2 {
     return Sym2(-2.0 * xx, -2.0 * xy, -2.0 * yy);
 }
 
+// Gradient with respect to the 2D covariance through the compensation, `v` being that with respect to
+// its logarithm: v / 2 times the inverse without the blur minus that with it. The difference is written
+// without cancellation. A Gaussian that is seen is far from the least product of determinants.
+fn compensation_adjoint(v0: V3, v1: V3, shape: Shape, blur: F, v: F) -> Sym2 {
+    let inv_m = 1.0 / shape.m;
+    let a = dot3(v0, v0) * inv_m;
+    let b = dot3(v0, v1) * inv_m;
+    let c = dot3(v1, v1) * inv_m;
+    let h = blur * inv_m;
+    let ah = a + h;
+    let ch = c + h;
+    let bb = b * b;
+    let aah = a * ah;
+    let cch = c * ch;
+    let bt = b * (a + ch);
+    let determinants = max(shape.gram * shape.det_over_m, F(1.0e-12));
+    let half = v * 0.5;
+    let k = half * blur / determinants;
+    return Sym2((cch + bb) * k, -(bt * k), (aah + bb) * k);
+}
+
+fn add_sym2(a: Sym2, b: Sym2) -> Sym2 {
+    return Sym2(a.xx + b.xx, a.xy + b.xy, a.yy + b.yy);
+}
+
 // v_S times the columns of V.
 fn v_cols(s: Sym2, v0: V3, v1: V3) -> Cols {
     let ax = s.xx * v0.x;

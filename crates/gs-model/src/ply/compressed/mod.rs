@@ -29,6 +29,7 @@ pub(crate) static FORMAT: Format = Format {
     extensions: &["compressed.ply"],
     magic: super::FORMAT.magic,
     max_sh_degree: 3,
+    says_antialiased: true,
     read: super::FORMAT.read,
     write: Some(write::write),
 };
@@ -50,7 +51,8 @@ pub(super) fn read(file: &Path, bytes: &[u8], header: &PlyHeader) -> Result<(Sce
         return Err(malformed(file, "header", "it is not binary_little_endian"));
     }
     let (n, sh_degree, decoder) = decoder(file, bytes, header)?;
-    let scene = decoder.scene(n, sh_degree.min(3));
+    let antialiased = header.antialiased().unwrap_or(false);
+    let scene = Scene { antialiased, ..decoder.scene(n, sh_degree.min(3)) };
     let mut report = Report::of(FORMAT.name, "PlayCanvas compressed.ply");
     report.notes = header.notes(&["vertex", "chunk", "sh"], 0);
     if sh_degree > 3 {

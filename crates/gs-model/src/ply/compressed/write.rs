@@ -46,7 +46,7 @@ fn header(scene: &Scene) -> Vec<u8> {
     if rest > 0 {
         elements.push(element("sh", n, "uchar", &rest_names(rest)));
     }
-    header_of(&elements)
+    header_of(&elements, scene)
 }
 
 /// The higher SH coefficients of some Gaussians, channel-major.
