@@ -51,6 +51,8 @@ fn decoder(features: &[&str], out: &Path) -> Result<()> {
     Bindgen::new()
         .input_path(&module)
         .web(true)?
+        // A decoder that has trapped is replaced.
+        .reset_state_function(true)
         .out_name("gsvx")
         .remove_name_section(true)
         .remove_producers_section(true)

@@ -111,7 +111,7 @@ pub mod validate;
 pub use axes::Axes;
 #[cfg(feature = "cameras")]
 pub use camera::{Camera, NEAR, View};
-pub use chain::chain;
+pub use chain::{chain, printable};
 pub use codec::Codec;
 #[cfg(feature = "cameras")]
 pub use dataset::Dataset;

@@ -53,7 +53,12 @@ fn of_codec(error: &gsvx::Error) -> Status {
         #[cfg(feature = "encode")]
         E::Option { .. } => Status::Argument,
         #[cfg(feature = "encode")]
-        E::NonFinite { .. } | E::TooLarge { .. } | E::TooWide { .. } | E::Voxel(_) => Status::Model,
+        E::NonFinite { .. }
+        | E::ZeroRotation { .. }
+        | E::TooLarge { .. }
+        | E::InvalidOutlier { .. }
+        | E::TooWide { .. }
+        | E::Voxel(_) => Status::Model,
         _ => Status::Damaged,
     }
 }

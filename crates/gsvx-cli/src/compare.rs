@@ -3,7 +3,7 @@
 use crate::attribute_errors::AttributeErrors;
 use crate::exit::{note, usage};
 use crate::input::ReadingAny;
-use crate::output::{Output, is_stdio};
+use crate::output::{Output, empty_folder, is_stdio};
 use crate::pictures;
 use crate::progress::Meter;
 use crate::report::Reporter;
@@ -56,7 +56,7 @@ pub(crate) fn run(args: &CompareArgs, report: Reporter) -> Result<()> {
         return Err(usage("only one of the two models can be standard input"));
     }
     let folder = args.output.as_deref();
-    folder.map_or(Ok(()), |folder| pictures::folder(folder, args.force))?;
+    folder.map_or(Ok(()), |folder| empty_folder(folder, args.force))?;
     let (a, _) = args.reading.any(&args.reference)?;
     let (b, _) = args.reading.any(&args.model)?;
     let cameras = args.views.cameras(&a, &args.reference)?;

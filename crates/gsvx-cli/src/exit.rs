@@ -1,5 +1,7 @@
 //! How the command ends: its exit codes, and the one line that says what went wrong.
 
+use crate::interrupt::INTERRUPTED;
+use crate::output::Ledger;
 use std::fmt::Display;
 use std::io::{ErrorKind, Write};
 use std::path::Path;
@@ -11,11 +13,11 @@ pub(crate) const STDIN: &str = "standard input";
 pub(crate) const CODES: &str = "\
 Exit codes:
     0  the output is complete
-    1  failed: one line on standard error says why, and the output was not touched
+    1  failed: one line on standard error says why; an output appears whole or not at all
     2  wrong usage
     3  the output is complete, but misses the target that was asked for
-  130  interrupted: the output was not touched
-  141  the reader of standard output went away";
+  130  interrupted: a line on standard error says which outputs are complete
+  141  the reader of standard output went away before it had the data";
 
 const FAILED: u8 = 1;
 const USAGE: u8 = 2;
@@ -81,6 +83,7 @@ fn remedy(cause: &(dyn std::error::Error + 'static)) -> Option<String> {
         Stream::Limit { points, .. } => {
             Some(format!("pass --max-gaussians {points} if you trust it"))
         }
+        Stream::TooLarge { .. } => Some("pass --lossless".into()),
         Stream::Truncated { what, .. } if *what != "head" => {
             Some("gsvx decode --salvage writes what is there".into())
         }
@@ -96,11 +99,20 @@ pub(crate) fn code(error: &anyhow::Error) -> u8 {
     if error.chain().any(closed) {
         return READER_GONE;
     }
+    let interrupted = |c: &(dyn std::error::Error + 'static)| {
+        matches!(c.downcast_ref(), Some(tune::Error::Interrupted))
+    };
+    if error.chain().any(interrupted) {
+        let (_ledger, there) = Ledger::close();
+        note(format_args!("error: {}; {there}", line(error)));
+        return INTERRUPTED;
+    }
     note(format_args!("error: {}", line(error)));
     error.chain().find_map(|c| c.downcast_ref()).map_or(FAILED, |coded: &Coded| coded.code)
 }
 
 /// Writes a line to standard error. Nobody can be told if that fails.
 pub(crate) fn note(text: impl Display) {
+    let text = gs_model::printable(&text.to_string());
     let _ = writeln!(std::io::stderr(), "{text}");
 }

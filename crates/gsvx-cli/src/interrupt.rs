@@ -3,7 +3,7 @@
 //! On Unix SIGINT, SIGTERM and SIGHUP, on Windows Ctrl-C, Ctrl-Break and the closing of the window.
 
 use crate::exit::note;
-use crate::output;
+use crate::output::Ledger;
 use anyhow::{Context, Result};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
@@ -16,7 +16,7 @@ static CANCEL: OnceLock<Arc<AtomicBool>> = OnceLock::new();
 static SERVING: AtomicBool = AtomicBool::new(false);
 
 /// The exit code of a process that a person interrupted.
-const INTERRUPTED: i32 = 130;
+pub(crate) const INTERRUPTED: u8 = 130;
 /// Signals closer together than this are one: `timeout` signals the command and then its process
 /// group, and a shell may pass on what the terminal has sent already.
 const TOGETHER: Duration = Duration::from_secs(1);
@@ -33,9 +33,9 @@ pub(crate) fn install() -> Result<()> {
             first = Some(Instant::now());
             note("interrupted: writing what has been reached; once more ends at once");
         } else if first.is_none_or(|first| first.elapsed() > TOGETHER) {
-            output::remove_pending();
-            note("error: interrupted; no output was touched");
-            std::process::exit(INTERRUPTED);
+            let (_ledger, there) = Ledger::close();
+            note(format_args!("error: interrupted; {there}"));
+            std::process::exit(INTERRUPTED.into());
         }
     })
     .context("Ctrl-C cannot be caught")
@@ -46,7 +46,8 @@ pub(crate) fn is_the_end() {
     SERVING.store(true, Ordering::Relaxed);
 }
 
-/// A flag that an interruption sets instead of ending the process.
-pub(crate) fn cancel_flag() -> Arc<AtomicBool> {
-    Arc::clone(CANCEL.get_or_init(Default::default))
+/// From here on an interruption sets this flag, for work that then stops by itself, instead of ending the process.
+pub(crate) fn sets(flag: Arc<AtomicBool>) {
+    // A command does such work once.
+    let _ = CANCEL.set(flag);
 }

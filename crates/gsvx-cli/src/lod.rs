@@ -11,8 +11,7 @@ mod tiles;
 
 use crate::exit::usage;
 use crate::input::{self, Limit};
-use crate::output::Output;
-use crate::pictures::folder;
+use crate::output::OutputFolder;
 use crate::progress::Meter;
 use crate::report::Reporter;
 use crate::stream_file::StreamFile;
@@ -81,11 +80,12 @@ pub(crate) fn run(args: &LodArgs, report: Reporter) -> Result<()> {
     if index.chunks.iter().all(|c| c.kind == Kind::Exact) {
         bail!("{name}: is lossless, so it has no octree to divide; encode without --lossless");
     }
-    folder(&args.output, args.force)?;
+    let mut to = Folder { output: OutputFolder::open(&args.output, args.force)?, args };
     let (list, bytes) = match args.format {
-        LodFormat::Playcanvas => (LIST, write_streams(args, &mut stream, &index)?),
-        LodFormat::Tiles => (tiles::LIST, tiles::write(args, &mut stream, args.at)?),
+        LodFormat::Playcanvas => (LIST, write_streams(&mut to, &mut stream, &index)?),
+        LodFormat::Tiles => (tiles::LIST, tiles::write(&mut to, &mut stream, args.at)?),
     };
+    to.output.put_in_place()?;
     let levels = u32::from(index.coarsest_lod()) + 1;
     let files = index.chunks.len();
     let places = leaves_of(&index, 0).len();
@@ -107,19 +107,32 @@ pub(crate) fn run(args: &LodArgs, report: Reporter) -> Result<()> {
     report.say(false, &human, &json)
 }
 
+/// Where the files go.
+struct Folder<'a> {
+    output: OutputFolder,
+    args: &'a LodArgs,
+}
+
+impl Folder<'_> {
+    /// Writes a file. Returns its length.
+    fn write(&mut self, name: &str, bytes: &[u8]) -> Result<u64> {
+        self.output.write(name, &[&self.args.input], |out| Ok(out.write_all(bytes)?))
+    }
+}
+
 /// Writes the folder for PlayCanvas. Returns the bytes of all streams.
-fn write_streams(args: &LodArgs, stream: &mut StreamFile, index: &Index) -> Result<u64> {
+fn write_streams(to: &mut Folder<'_>, stream: &mut StreamFile, index: &Index) -> Result<u64> {
     let mut bytes = 0;
     let files = files(index);
     let progress = Meter::new("files", files.len());
     for (name, chunks) in &files {
-        bytes += write_chunks(args, stream, index, name, chunks)?;
+        bytes += write_chunks(to, stream, index, name, chunks)?;
         progress.inc();
     }
     let places = places(stream, index)?;
     let names: Vec<&String> = files.iter().map(|(name, _)| name).collect();
     let list = list(index, &places, &names).to_string();
-    write(args, LIST, list.as_bytes())?;
+    to.write(LIST, list.as_bytes())?;
     Ok(bytes)
 }
 
@@ -148,7 +161,7 @@ fn chunk_name(index: &Index, chunk: usize) -> String {
 
 /// Writes chunks as a stream. Returns its length.
 fn write_chunks(
-    args: &LodArgs,
+    to: &mut Folder<'_>,
     stream: &mut StreamFile,
     index: &Index,
     name: &str,
@@ -158,14 +171,7 @@ fn write_chunks(
     for (chunk, made) in chunks.iter().zip(Index::parse(&bytes)?.chunks) {
         bytes.extend(stream.bytes(*chunk, made.layers.len())?);
     }
-    write(args, name, &bytes)?;
-    Ok(bytes.len() as u64)
-}
-
-fn write(args: &LodArgs, name: &str, bytes: &[u8]) -> Result<()> {
-    let output = Output::open(&args.output.join(name), args.force, &[&args.input])?;
-    output.write(|out| Ok(out.write_all(bytes)?))?;
-    Ok(())
+    to.write(name, &bytes)
 }
 
 /// A place: a chunk of the finest level, and which Gaussians of which chunk show it at each coarser level.

@@ -12,20 +12,69 @@ use std::fmt::Display;
 use std::fs::File;
 use std::io::{self, ErrorKind, IsTerminal, Write};
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
-use tempfile::NamedTempFile;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use tempfile::{NamedTempFile, TempDir};
 
-/// Temporary files to remove when the process is interrupted.
-static PENDING: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
+/// What has been written so far, for whoever interrupts the process.
+static LEDGER: Mutex<Ledger> = Mutex::new(Ledger::NOTHING);
 
-/// Removes what an interrupted run has begun to write. The files' final names are untouched.
-pub(crate) fn remove_pending() {
-    if let Ok(mut pending) = PENDING.lock() {
-        for path in pending.drain(..) {
-            // Best effort: the process is about to end.
-            let _ = std::fs::remove_file(path);
+/// See [`LEDGER`].
+pub(crate) struct Ledger {
+    /// Temporary files and folders to remove.
+    pending: Vec<PathBuf>,
+    /// Folders that were made, to remove if they are empty.
+    made: Vec<PathBuf>,
+    /// Standard output or a device that has some bytes already.
+    begun: Option<String>,
+    /// Outputs that are complete, and the name of the last.
+    complete: usize,
+    last: String,
+}
+
+impl Ledger {
+    const NOTHING: Self = Self {
+        pending: Vec::new(),
+        made: Vec::new(),
+        begun: None,
+        complete: 0,
+        last: String::new(),
+    };
+
+    /// The process is about to end: removes what it has begun to write, and says what is there. No output is put in place
+    /// while the guard is held.
+    pub(crate) fn close() -> (MutexGuard<'static, Self>, String) {
+        let mut ledger = ledger();
+        for path in ledger.pending.drain(..) {
+            // Best effort.
+            let _ = if path.is_dir() {
+                std::fs::remove_dir_all(path)
+            } else {
+                std::fs::remove_file(path)
+            };
         }
+        for folder in ledger.made.drain(..) {
+            let _ = std::fs::remove_dir(folder);
+        }
+        let Self { begun, complete, last, .. } = &*ledger;
+        let complete = match complete {
+            0 => None,
+            1 => Some(format!("{last} is complete")),
+            n => Some(format!("{n} outputs are complete, the last of them {last}")),
+        };
+        let begun = begun.as_ref().map(|name| format!("{name} is incomplete"));
+        let there = [complete, begun].into_iter().flatten().collect::<Vec<_>>().join("; ");
+        let there = if there.is_empty() { "no output was touched".into() } else { there };
+        (ledger, there)
     }
+
+    fn completed(&mut self, name: &str) {
+        self.complete += 1;
+        self.last = name.into();
+    }
+}
+
+fn ledger() -> MutexGuard<'static, Ledger> {
+    LEDGER.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Names of temporary files.
@@ -34,7 +83,7 @@ const SUFFIX: &str = ".part";
 
 /// Removes what killed runs left in `dir`. Best effort: what cannot be removed stays.
 ///
-/// A running command holds a lock on its temporary file; a file that can be locked has no owner.
+/// A running command holds a lock on its temporary file or folder; one that can be locked has no owner.
 fn sweep(dir: &Path) {
     for entry in std::fs::read_dir(dir).into_iter().flatten().flatten() {
         let name = entry.file_name();
@@ -45,7 +94,10 @@ fn sweep(dir: &Path) {
         let Ok(file) = File::open(entry.path()) else { continue };
         if file.try_lock().is_ok() {
             // The lock is held until the file is gone: see `temporary`.
-            let _ = std::fs::remove_file(entry.path());
+            let _ = match entry.file_type().is_ok_and(|t| t.is_dir()) {
+                true => std::fs::remove_dir_all(entry.path()),
+                false => std::fs::remove_file(entry.path()),
+            };
         }
     }
 }
@@ -112,9 +164,7 @@ impl Output {
         sweep(dir);
         let temporary =
             temporary(dir).with_context(|| format!("{}: cannot write here", dir.display()))?;
-        if let Ok(mut pending) = PENDING.lock() {
-            pending.push(temporary.path().into());
-        }
+        ledger().pending.push(temporary.path().into());
         if file.file_name().is_none() {
             bail!("{name}: names no file");
         }
@@ -144,8 +194,8 @@ impl Output {
     ) -> Result<Written> {
         let (name, stdout) = (self.name(), self.is_stdout());
         let bytes = match self.target {
-            Target::Stdout => Watched::fill(&mut io::stdout(), &name, fill)?,
-            Target::Device(mut file) => Watched::fill(&mut file, &name, fill)?,
+            Target::Stdout => at_once(&mut io::stdout(), &name, fill)?,
+            Target::Device(mut file) => at_once(&mut file, &name, fill)?,
             Target::File(mut to) => {
                 let bytes = Watched::fill(to.file.as_file_mut(), &name, fill)?;
                 to.put_in_place(&name, true)?;
@@ -172,6 +222,20 @@ impl Output {
         to.put_in_place(&name, replaces)?;
         Ok(Written { name, bytes, stdout: false })
     }
+}
+
+/// Writes what cannot be taken back.
+fn at_once(
+    out: &mut (dyn Write + Send),
+    name: &str,
+    fill: impl FnOnce(&mut (dyn Write + Send)) -> Result<()>,
+) -> Result<u64> {
+    ledger().begun = Some(name.into());
+    let bytes = Watched::fill(out, name, fill)?;
+    let mut ledger = ledger();
+    ledger.begun = None;
+    ledger.completed(name);
+    Ok(bytes)
 }
 
 /// What was written.
@@ -245,6 +309,8 @@ impl Replacement {
             self.file.as_file().set_permissions(old.permissions()).map_err(failed)?;
         }
         let temporary = self.file.path().to_path_buf();
+        // An interruption finds the output in place and in the ledger, or neither.
+        let mut ledger = ledger();
         if self.force {
             self.file.persist(&self.path).map_err(|e| failed(e.error))?;
         } else {
@@ -255,10 +321,77 @@ impl Replacement {
                 _ => failed(e.error),
             })?;
         }
-        if let Ok(mut pending) = PENDING.lock() {
-            pending.retain(|p| *p != temporary);
-        }
+        ledger.pending.retain(|p| *p != temporary);
+        ledger.completed(name);
         Ok(())
+    }
+}
+
+/// A folder of files that belong together: all of them appear in it, or none.
+pub(crate) struct OutputFolder {
+    path: PathBuf,
+    /// Where the files wait, in the folder.
+    waiting: TempDir,
+    _lock: Option<File>,
+    /// Where each file is, and where it goes, in the order in which they appear.
+    files: Vec<(PathBuf, PathBuf)>,
+}
+
+impl OutputFolder {
+    /// Makes the folder, unless it is there. One that holds something already needs `force`.
+    pub(crate) fn open(path: &Path, force: bool) -> Result<Self> {
+        let made = !path.exists();
+        empty_folder(path, force)?;
+        sweep(path);
+        let waiting = tempfile::Builder::new().prefix(PREFIX).suffix(SUFFIX).tempdir_in(path);
+        let waiting = waiting.with_context(|| format!("{}: cannot write here", path.display()))?;
+        let lock = File::open(waiting.path()).ok().filter(|dir| dir.try_lock().is_ok());
+        let mut ledger = ledger();
+        ledger.pending.push(waiting.path().into());
+        ledger.made.extend(made.then(|| path.into()));
+        Ok(Self { path: path.into(), waiting, _lock: lock, files: Vec::new() })
+    }
+
+    /// Writes a file of this name, which must not be one of the `inputs`. Returns its length.
+    pub(crate) fn write<P: AsRef<Path>>(
+        &mut self,
+        name: &str,
+        inputs: &[P],
+        fill: impl FnOnce(&mut (dyn Write + Send)) -> Result<()>,
+    ) -> Result<u64> {
+        let (path, waits) = (self.path.join(name), self.waiting.path().join(name));
+        let target = check(&path, true, inputs)?;
+        let name = path.display().to_string();
+        let failed = |e| not_written(&name, e);
+        let mut file = File::create(&waits).map_err(failed)?;
+        self.files.push((waits, target));
+        let bytes = Watched::fill(&mut file, &name, fill)?;
+        file.sync_all().map_err(failed)?;
+        Ok(bytes)
+    }
+
+    /// Gives all files their names.
+    pub(crate) fn put_in_place(mut self) -> Result<()> {
+        let mut ledger = ledger();
+        for (from, to) in self.files.drain(..) {
+            let renamed = std::fs::rename(from, &to);
+            renamed.map_err(|e| not_written(&to.display().to_string(), e))?;
+        }
+        ledger.completed(&self.path.display().to_string());
+        Ok(())
+    }
+}
+
+impl Drop for OutputFolder {
+    fn drop(&mut self) {
+        let waiting = self.waiting.path();
+        let _ = std::fs::remove_dir_all(waiting);
+        let mut ledger = ledger();
+        ledger.pending.retain(|p| p != waiting);
+        if ledger.made.contains(&self.path) {
+            // Only an empty folder is removed.
+            let _ = std::fs::remove_dir(&self.path);
+        }
     }
 }
 
@@ -315,6 +448,20 @@ fn is_same(path: &Path, input: &Path) -> bool {
     use same_file::Handle;
     let input = if is_stdio(input) { Handle::stdin() } else { Handle::from_path(input) };
     matches!((Handle::from_path(path), input), (Ok(a), Ok(b)) if a == b)
+}
+
+/// Makes a folder, unless it is there; one that holds something already needs `force`.
+pub(crate) fn empty_folder(path: &Path, force: bool) -> Result<()> {
+    let name = path.display();
+    if path.is_file() {
+        bail!("{name}: is a file; name a folder");
+    }
+    make_folder(path)?;
+    let mut list = std::fs::read_dir(path).with_context(|| format!("{name}: cannot be read"))?;
+    if !force && list.next().is_some() {
+        bail!("{name}: is not empty; pass --force to write into it");
+    }
+    Ok(())
 }
 
 /// Makes a folder, unless it is there.

@@ -4,6 +4,7 @@
 use crate::exit::note;
 use crate::follow::Follower;
 use crate::input;
+use crate::interrupt;
 use crate::output::{Output, counted};
 use crate::progress::Meter;
 use crate::report::Reporter;
@@ -109,8 +110,12 @@ pub(crate) fn run(args: &PaperArgs, job: PaperJob<'_>, report: Reporter) -> Resu
         scene.append(outliers);
     }
     let steps = tuning.steps;
+    let cancel = tuning.cancel.clone();
     let run = FineTune::new(scene, training, tuning).with_context(name)?;
     let mut follower = Follower::new(steps, run.backend());
+    if let Some(cancel) = cancel {
+        interrupt::sets(cancel);
+    }
     let mut outcome = run.run(|p| follower.see(p)).with_context(name)?;
     follower.end(&outcome.backend);
     let (gaussians, outliers) = (outcome.scene.len(), outcome.scene.len() - voxels.len());

@@ -1,7 +1,7 @@
 //! Pictures: PNG files, and what shows the difference of two images.
 
-use crate::output::{self, Output};
-use anyhow::{Context, Result, bail};
+use crate::output::Output;
+use anyhow::Result;
 use finetune::Image;
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
@@ -53,20 +53,6 @@ pub(crate) fn stem(camera: &str) -> Option<String> {
     // What Windows allows in no file name.
     let name = parts.join("-").replace(['<', '>', ':', '"', '|', '?', '*', '\\'], "_");
     (!name.is_empty()).then_some(name)
-}
-
-/// Makes a folder for pictures; one that holds something already needs --force.
-pub(crate) fn folder(path: &Path, force: bool) -> Result<()> {
-    let name = path.display();
-    if path.is_file() {
-        bail!("{name}: is a file; name a folder for the pictures");
-    }
-    output::make_folder(path)?;
-    let mut list = std::fs::read_dir(path).with_context(|| format!("{name}: cannot be read"))?;
-    if !force && list.next().is_some() {
-        bail!("{name}: is not empty; pass --force to write into it");
-    }
-    Ok(())
 }
 
 #[cfg(test)]

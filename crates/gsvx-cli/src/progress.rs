@@ -48,7 +48,7 @@ impl Meter {
 
     /// Work of unknown length.
     pub(crate) fn spinner(what: String) -> Self {
-        let this = Self::of(ProgressBar::new_spinner().with_message(what));
+        let this = Self::of(ProgressBar::new_spinner().with_message(gs_model::printable(&what)));
         if !this.bar.is_hidden() {
             this.bar.enable_steady_tick(Duration::from_millis(120));
         }

@@ -18,7 +18,7 @@ impl Reporter {
     /// If it cannot be written. A reader that has closed the pipe has seen enough: the work is
     /// done, and that is no error.
     pub(crate) fn say(self, stdout_taken: bool, human: &str, json: &Value) -> Result<()> {
-        let text = if self.json { json.to_string() } else { human.to_owned() };
+        let text = if self.json { json.to_string() } else { gs_model::printable(human) };
         let mut out: Box<dyn Write> = match stdout_taken {
             true => Box::new(std::io::stderr()),
             false => Box::new(std::io::stdout()),

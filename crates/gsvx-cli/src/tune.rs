@@ -6,7 +6,7 @@ use crate::follow::{Follower, duration};
 use crate::info::parts;
 use crate::input::{self, Reading};
 use crate::orbit::Orbit;
-use crate::output::Output;
+use crate::output::{Output, empty_folder};
 use crate::paper_tune::{self, PaperArgs, PaperJob};
 use crate::progress::Meter;
 use crate::report::Reporter;
@@ -19,6 +19,8 @@ use gsvx::EncodeOptions;
 use indicatif::DecimalBytes;
 use serde_json::json;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 use tune::{
     AgainstInput, FineTuneOptions, Layout, Progress, StopReason, Target, Targets, Tune, TuneEffort,
     TuneOptions, TuneOutcome,
@@ -227,7 +229,7 @@ pub(crate) fn run(args: &TuneArgs, report: Reporter) -> Result<()> {
     args.check(ply)?;
     let output = Output::open(&args.output, args.force, &[&args.input])?;
     let pictures = args.pictures.as_deref();
-    pictures.map_or(Ok(()), |folder| pictures::folder(folder, args.force))?;
+    pictures.map_or(Ok(()), |folder| empty_folder(folder, args.force))?;
     let backend = args.backend()?;
     let scene = args.reading.model(&args.input, true)?.scene;
     let targets = args.targets(&scene)?;
@@ -236,7 +238,7 @@ pub(crate) fn run(args: &TuneArgs, report: Reporter) -> Result<()> {
     if args.profile == Profile::Paper {
         let tuning = FineTuneOptions {
             checkpoint: args.checkpoint.clone(),
-            cancel: Some(interrupt::cancel_flag()),
+            cancel: Some(Arc::default()),
             // With auto, a GPU that fails is followed by the processor.
             backend,
             ..Default::default()
@@ -271,7 +273,8 @@ fn tuned(args: &TuneArgs, scene: Scene, targets: Targets, backend: Backend) -> R
     options.backend = backend;
     options.seed = args.seed;
     options.checkpoint.clone_from(&args.checkpoint);
-    options.cancel = Some(interrupt::cancel_flag());
+    let cancel = Arc::new(AtomicBool::new(false));
+    options.cancel = Some(Arc::clone(&cancel));
     let mut bar = None;
     let run = Tune::with_progress(scene, targets, options, |_, all| {
         bar.get_or_insert_with(|| Meter::new("input model", all)).inc();
@@ -280,6 +283,7 @@ fn tuned(args: &TuneArgs, scene: Scene, targets: Targets, backend: Backend) -> R
     let run = run.with_context(name)?;
     announce(&run, gaussians, distilled, args.effort);
     let mut follower = Follower::new(run.plan().steps(), run.backend());
+    interrupt::sets(cancel);
     let outcome = run.run(|p| {
         follower.see(p);
         if let Some((folder, camera)) = &pictured

@@ -1,6 +1,7 @@
 //! `gsvx view`: serves the viewer page and the files on the loopback address.
 
 mod answer;
+mod server;
 mod start;
 
 use crate::exit::note;
@@ -11,9 +12,8 @@ use crate::size;
 use anyhow::{Context, Result, anyhow};
 use serde_json::json;
 use start::Start;
+use std::net::TcpListener;
 use std::path::PathBuf;
-use std::sync::Arc;
-use tiny_http::Server;
 
 pub(crate) const EXAMPLES: &str = "\
 Examples:
@@ -21,9 +21,6 @@ Examples:
   gsvx view scene.gsvx point_cloud.ply       side by side, with a line to move
   gsvx view city.gsvx --budget 500k          for a phone or an old machine
   gsvx view scene.gsvx --port 8000 --no-open";
-
-/// Requests that are answered at once: a page fetches some ranges side by side.
-const ANSWERERS: usize = 4;
 
 #[derive(clap::Args)]
 pub(crate) struct ViewArgs {
@@ -46,11 +43,11 @@ pub(crate) struct ViewArgs {
 pub(crate) fn run(args: &ViewArgs, report: Reporter) -> Result<()> {
     // A file that cannot be shown is told before the browser opens.
     args.files.iter().try_for_each(|file| input::open(file).map(drop))?;
-    let server = Server::http(("127.0.0.1", args.port)).map_err(|e| {
+    let listener = TcpListener::bind(("127.0.0.1", args.port)).map_err(|e| {
         anyhow!("port {}: cannot be opened: {e}; name another with --port", args.port)
     })?;
-    let address = server.server_addr().to_ip().context("the server has no address")?;
-    let url = page(&address.to_string(), args);
+    let host = listener.local_addr().context("the server has no address")?.to_string();
+    let url = page(&host, args);
     interrupt::is_the_end();
     report.say(false, &format!("{url}\nCtrl-C ends"), &json!({ "url": url }))?;
     if !args.no_open
@@ -58,21 +55,8 @@ pub(crate) fn run(args: &ViewArgs, report: Reporter) -> Result<()> {
     {
         note(format_args!("the browser does not open by itself ({error}): open the address above"));
     }
-    let (server, files) = (Arc::new(server), Arc::new(args.files.clone()));
-    let host = address.to_string();
-    let answerers: Vec<_> = (0..ANSWERERS)
-        .map(|_| {
-            let (server, files, host) = (Arc::clone(&server), Arc::clone(&files), host.clone());
-            std::thread::spawn(move || {
-                while let Ok(request) = server.recv() {
-                    answer::answer(request, &host, &files);
-                }
-            })
-        })
-        .collect();
-    for answerer in answerers {
-        answerer.join().map_err(|_| anyhow!("the server ended"))?;
-    }
+    let files = args.files.clone();
+    server::serve(&listener, move |request| answer::answer(request, &host, &files));
     Ok(())
 }
 

@@ -5,7 +5,6 @@ mod common;
 use common::{heard, json, model, ok, one_line, piped, room, run, wrong_usage};
 use gs_model::{Scene, ply};
 use std::path::Path;
-use std::process::Command;
 
 /// `line` in words, for the helpers of [`common`].
 fn words(line: &str) -> Vec<&str> {
@@ -274,24 +273,42 @@ fn convert_and_compare() {
 
 #[cfg(unix)]
 #[test]
-fn an_interrupted_encode_leaves_nothing_and_keeps_what_was_there() {
+fn an_interrupted_command_leaves_nothing_and_keeps_what_was_there() {
     let dir = tempfile::tempdir().unwrap();
     let stream = dir.path().join("a.gsvx");
     std::fs::write(&stream, b"before").unwrap();
-    let mut command = common::gsvx();
-    command.arg("encode").arg(model()).arg("-o").arg(&stream);
-    command.args(["--force", "--target-bytes", "60000"]).stderr(std::process::Stdio::piped());
-    let mut child = command.spawn().unwrap();
-    // The temporary file is there before the work begins.
-    while common::names(dir.path()).len() < 2 {
-        assert!(child.try_wait().unwrap().is_none(), "ended before it was interrupted");
-        std::thread::sleep(std::time::Duration::from_millis(1));
+    let (model, room) = (model(), common::room());
+    let encode = ["encode", "@", "-o", "@", "--force", "--target-bytes", "60000"];
+    let tune = ["tune", "@", "-o", "@", "--force", "--cameras", "@", "--distil"];
+    for words in [&encode[..], &tune] {
+        // The temporary file is there before the work begins.
+        let out = common::interrupted(words, &[&model, &stream, &room], || {
+            common::names(dir.path()).len() > 1
+        });
+        assert_eq!(out.status.code(), Some(130), "{}", heard(&out));
+        assert!(heard(&out).contains("interrupted; no output was touched"), "{}", heard(&out));
+        assert_eq!(std::fs::read(&stream).unwrap(), b"before");
+        assert_eq!(common::names(dir.path()), ["a.gsvx"]);
     }
-    let killed = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
-    assert!(killed.success());
-    let out = child.wait_with_output().unwrap();
-    assert_eq!(out.status.code(), Some(130));
-    assert!(heard(&out).contains("interrupted"));
-    assert_eq!(std::fs::read(&stream).unwrap(), b"before");
-    assert_eq!(common::names(dir.path()).len(), 1);
+}
+
+#[cfg(unix)]
+#[test]
+fn an_interrupted_batch_says_what_is_complete() {
+    let dir = tempfile::tempdir().unwrap();
+    let [a, b] = ["a.ply", "b.ply"].map(|name| dir.path().join(name));
+    for copy in [&a, &b] {
+        std::fs::copy(model(), copy).unwrap();
+    }
+    let (to, first) = (dir.path().join("streams/"), dir.path().join("streams/a.gsvx"));
+    let words = ["encode", "@", "@", "-o", "@", "--target-bytes", "60000"];
+    let out = common::interrupted(&words, &[&a, &b, &to], || first.exists());
+    assert_eq!(out.status.code(), Some(130), "{}", heard(&out));
+    let last = heard(&out).lines().last().unwrap_or_default().to_owned();
+    assert!(
+        last.starts_with("error: interrupted; ") && last.ends_with("a.gsvx is complete"),
+        "{last}"
+    );
+    assert_eq!(common::names(&to), ["a.gsvx"]);
+    assert!(!gsvx::decode(&std::fs::read(&first).unwrap()).unwrap().is_empty());
 }

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{json, ok, one_line, report, run, wrong_usage};
+use common::{failed, json, ok, one_line, report, run, wrong_usage};
 use gs_model::{Format, ReadOptions, Scene};
 use serde_json::Value;
 use std::num::NonZeroUsize;
@@ -10,11 +10,15 @@ use std::path::Path;
 
 /// The room with an outlier far away, in many small chunks.
 fn stream(path: &Path, lod: bool) {
+    chunked(path, 300, lod);
+}
+
+fn chunked(path: &Path, leaves: usize, lod: bool) {
     let (mut scene, _) = gs_model::ply::read(common::model()).unwrap();
     let far = Scene { means: vec![[3e9, 0.0, 0.0]], ..scene.select(&[0]) };
     scene.append(&far);
     let mut options = gsvx::EncodeOptions::from_quality(50.0).unwrap();
-    options.chunk_leaves = NonZeroUsize::new(300).unwrap();
+    options.chunk_leaves = NonZeroUsize::new(leaves).unwrap();
     options.lod = lod;
     std::fs::write(path, gsvx::encode(&scene, &options).unwrap().bytes).unwrap();
 }
@@ -146,6 +150,34 @@ fn streams_without_an_octree_or_coarse_levels_say_so() {
     let bytes = std::fs::read(&input).unwrap();
     std::fs::write(&input, &bytes[..bytes.len() - 100]).unwrap();
     one_line(&run(&["lod", "@", "-o", "@", "--force"], &[&input, &web]), "chunk");
+}
+
+#[test]
+fn a_folder_is_whole_or_not_there() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
+    let (input, cut, web) = (at("room.gsvx"), at("cut.gsvx"), at("web"));
+    chunked(&input, 20, true);
+    let bytes = std::fs::read(&input).unwrap();
+    std::fs::write(&cut, &bytes[..bytes.len() - 1]).unwrap();
+    for format in ["playcanvas", "3dtiles"] {
+        let words = ["lod", "@", "-o", "@", "--format", format];
+        failed(&run(&words, &[&cut, &web]), "truncated");
+        assert!(!web.exists(), "{format}");
+        #[cfg(unix)]
+        {
+            let out = common::interrupted(&words, &[&input, &web], || web.exists());
+            let said = common::heard(&out);
+            assert_eq!(out.status.code(), Some(130), "{format}: {said}");
+            assert!(said.ends_with("interrupted; no output was touched"), "{said}");
+            assert!(!web.exists(), "{format}");
+        }
+    }
+    // What is replaced is replaced whole too.
+    ok(&["lod", "@", "-o", "@"], &[&input, &web]);
+    let before = common::names(&web);
+    failed(&run(&["lod", "@", "-o", "@", "--force"], &[&cut, &web]), "truncated");
+    assert_eq!(common::names(&web), before);
 }
 
 #[test]

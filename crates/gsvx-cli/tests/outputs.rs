@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{gsvx, heard, ok, one_line, run, said, small, wrong_usage};
+use common::{failed, gsvx, heard, ok, one_line, run, said, small, wrong_usage};
 use std::path::Path;
 
 #[test]
@@ -154,6 +154,41 @@ fn a_closed_pipe_gave_an_error() {
     drop(reader);
     let out = gsvx().arg("info").arg(&stream).stdout(writer).output().unwrap();
     assert_eq!((out.status.code(), heard(&out).as_str()), (Some(0), ""));
+}
+
+#[test]
+fn names_cannot_steer_the_terminal() {
+    let dir = tempfile::tempdir().unwrap();
+    let input = small(dir.path());
+    let absent = run(&["info", "a\x1b[31m\u{9b}2J.gsvx"], &[]);
+    one_line(&absent, "a\\u{1b}[31m\\u{9b}2J.gsvx");
+    // A column of another name.
+    let mut bytes = std::fs::read(&input).unwrap();
+    let at = bytes.windows(3).position(|w| w == b" nx").unwrap();
+    bytes[at + 1] = 0x1b;
+    std::fs::write(&input, bytes).unwrap();
+    let out = run(&["info", "@"], &[&input]);
+    for text in [said(&out), heard(&out)] {
+        assert!(text.contains("\\u{1b}x") && !text.contains('\x1b'), "{text}");
+    }
+}
+
+#[test]
+fn what_lossy_coding_cannot_hold_is_named_as_the_file_counts() {
+    let dir = tempfile::tempdir().unwrap();
+    let (input, stream) = (dir.path().join("a.ply"), dir.path().join("a.gsvx"));
+    let mut scene = common::scene();
+    // Sorting moves it.
+    let at = 7 * scene.sh_len();
+    scene.sh[at][1] = 1e6;
+    gs_model::ply::write(&input, &scene).unwrap();
+    let encode = ["encode", "@", "-o", "@"];
+    for more in [&[][..], &["--memory", "1G"]] {
+        let out = run(&[&encode[..], more].concat(), &[&input, &stream]);
+        failed(&out, "Gaussian 7 has a value of 1e6 (SH coefficient)");
+        assert!(heard(&out).ends_with("pass --lossless"), "{}", heard(&out));
+    }
+    ok(&[&encode[..], &["--lossless"]].concat(), &[&input, &stream]);
 }
 
 #[test]

@@ -149,6 +149,53 @@ fn nothing_else_is_served() {
     assert!(view.send(&post).0.starts_with("HTTP/1.1 405"));
 }
 
+#[test]
+fn a_body_is_refused_whatever_its_claimed_length() {
+    let view = View::of(&[&room().join("point_cloud.ply")]);
+    for host in [view.host.as_str(), "example.org"] {
+        for body in
+            ["Content-Length: 99999999999", "Content-Length: x", "Transfer-Encoding: chunked"]
+        {
+            let request = format!("GET / HTTP/1.1\r\nHost: {host}\r\n{body}\r\n\r\n");
+            let (head, _) = view.send(&request);
+            assert!(head.starts_with("HTTP/1.1 413"), "{head}");
+        }
+    }
+    assert!(view.get("/", "").0.starts_with("HTTP/1.1 200"));
+}
+
+#[test]
+fn the_head_of_a_request_is_bounded() {
+    let view = View::of(&[&room().join("point_cloud.ply")]);
+    let long = format!("X: {}\r\n", "x".repeat(1 << 20));
+    for headers in [long, "X: x\r\n".repeat(1000)] {
+        let mut stream = TcpStream::connect(&view.host).expect("a connection");
+        let request = format!("GET / HTTP/1.1\r\nHost: {}\r\n{headers}\r\n", view.host);
+        // The server need not take all of it.
+        let _ = stream.write_all(request.as_bytes());
+        let mut start = [0; 12];
+        if stream.read_exact(&mut start).is_ok() {
+            assert_eq!(&start, b"HTTP/1.1 431");
+        }
+    }
+    assert!(view.send("GET\r\n\r\n").0.starts_with("HTTP/1.1 400"));
+    assert!(view.get("/", "").0.starts_with("HTTP/1.1 200"));
+}
+
+#[test]
+fn clients_that_do_not_read_do_not_block_others() {
+    let view = View::of(&[&room().join("point_cloud.ply")]);
+    let request = format!("GET /file/0/point_cloud.ply HTTP/1.1\r\nHost: {}\r\n\r\n", view.host);
+    let idle = (0..12).map(|_| {
+        let mut stream = TcpStream::connect(&view.host).expect("a connection");
+        stream.write_all(request.as_bytes()).expect("the request is sent");
+        stream
+    });
+    let silent = (0..12).map(|_| TcpStream::connect(&view.host).expect("a connection"));
+    let _open: Vec<TcpStream> = idle.collect::<Vec<_>>().into_iter().chain(silent).collect();
+    assert!(view.get("/", "").0.starts_with("HTTP/1.1 200"));
+}
+
 #[cfg(unix)]
 #[test]
 fn an_interruption_is_the_end_and_no_error() {

@@ -83,6 +83,7 @@ impl From<tune::Error> for Fault {
             tune::Error::Option { .. } => Self::Usage(line(&error)),
             tune::Error::Codec(error) => error.into(),
             tune::Error::Scene(error) => error.into(),
+            tune::Error::Interrupted => Self::Stopped,
             _ => Self::Failed(line(&error)),
         }
     }
@@ -111,6 +112,7 @@ fn remedy(error: &(dyn StdError + 'static)) -> Option<String> {
         gsvx::Error::Limit { points, .. } => {
             Some(format!("pass max_gaussians={points} if you trust it"))
         }
+        gsvx::Error::TooLarge { .. } => Some("pass lossless=True".into()),
         gsvx::Error::Truncated { what, .. } if *what != "head" => {
             Some("pass salvage=True to decode what is there".into())
         }

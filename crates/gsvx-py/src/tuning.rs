@@ -185,7 +185,6 @@ fn tune_scene(
     choices.drop_unseen = options.drop_unseen;
     choices.checkpoint.clone_from(&options.checkpoint);
     choices.cancel = Some(Arc::clone(&line.cancel));
-    // A cancelled run ends after its first step.
     let run = Tune::with_progress(scene, targets, choices, |done, all| {
         let _ = line.step("input model", done, all);
     })?;

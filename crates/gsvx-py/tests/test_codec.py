@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import shutil
 import warnings
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -253,6 +254,83 @@ def test_a_failed_write_leaves_the_old_file(small, tmp_path):
     with pytest.raises(gsvx.Error):
         gsvx.compress(path, small)
     assert path.read_bytes() == b"old" and list(tmp_path.iterdir()) == [path]
+
+
+def test_threads_can_write_to_one_path(small, tmp_path):
+    path = tmp_path / "a.gsvx"
+    models = [{name: array[: 50 * (k + 1)] for name, array in small.items()} for k in range(4)]
+    streams = [gsvx.compress_to_bytes(model) for model in models]
+    for _ in range(30):
+        with ThreadPoolExecutor(4) as pool:
+            list(pool.map(lambda model: gsvx.compress(path, model), models))
+        assert path.read_bytes() in streams
+        assert list(tmp_path.iterdir()) == [path], "nothing else stays"
+
+
+class Reluctant(io.RawIOBase):
+    """Takes few bytes at a time, and no more than it holds."""
+
+    def __init__(self, most: int):
+        self.data, self.most = b"", most
+
+    def writable(self) -> bool:
+        return True
+
+    def write(self, data) -> int:
+        taken = bytes(data)[: min(1000, self.most - len(self.data))]
+        self.data += taken
+        return len(taken)
+
+
+def test_a_file_may_take_fewer_bytes_than_it_is_given(small):
+    stream = gsvx.compress_to_bytes(small)
+    file = Reluctant(1 << 20)
+    gsvx.compress(file, small)
+    assert file.data == stream
+    with pytest.raises(OSError, match="takes no more bytes"):
+        gsvx.compress(Reluctant(len(stream) - 1), small)
+    told = []
+
+    class Silent:
+        def write(self, data):
+            told.append(bytes(data))
+
+    gsvx.compress(Silent(), small)
+    assert told == [stream]
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        lambda a: a.astype(np.complex64),
+        lambda a: a.astype("datetime64[s]"),
+        lambda a: a.astype("timedelta64[s]"),
+        lambda a: a.astype("U8"),
+        lambda a: a.astype(object),
+        lambda a: a.view([("x", np.float32)]),
+    ],
+)
+def test_arrays_of_something_else_than_numbers_are_refused(small, wrong):
+    for name in ("opacities", "shN"):
+        with pytest.raises(ValueError, match=f"{name}: no array of numbers: its type is"):
+            gsvx.compress_to_bytes({**small, name: wrong(small[name])})
+    kept = {name: array.astype(np.float64) for name, array in small.items()}
+    assert gsvx.compress_to_bytes(kept) == gsvx.compress_to_bytes(small)
+
+
+def test_values_of_a_wrong_type_are_named_as_the_caller_names_them(small):
+    for options in (
+        {"quality": "high"},
+        {"target_bytes": 1.5},
+        {"max_error": "small"},
+        {"max_sh_degree": "all"},
+        {"prune": None},
+        {"depth": "x"},
+    ):
+        with pytest.raises((TypeError, ValueError)) as raised:
+            gsvx.compress_to_bytes(small, **options)
+        said, [name] = str(raised.value), options
+        assert said.startswith(f"{name}: "), said
 
 
 def test_threads_do_not_change_the_bytes(splats):

@@ -1,8 +1,8 @@
 // Reads a stream and decodes its chunks as they become whole: coarse level first. Runs in a worker, or
 // where it is called.
-import { GsvxError } from './error.js';
+import { GsvxError, hasTrapped } from './error.js';
 import { open } from './source.js';
-import init, { Stream } from './wasm/gsvx.js';
+import init, { __wbg_reset_state as renew, Stream } from './wasm/gsvx.js';
 
 /** Ranges closer than this are one request, up to a size. */
 const GAP = 1 << 13;
@@ -29,11 +29,24 @@ const SIZES = {
 /** Rows of this many Gaussians, as textures have them. */
 const ROW = { packed: 2048 };
 
-let memory;
+/** Makes the decoder ready, once; returns what it exports. */
+export const ready = (module) => init({ module_or_path: module });
 
-/** Makes the decoder ready. */
-export async function ready(module) {
-  memory ??= (await init({ module_or_path: module })).memory;
+/**
+ * Gives back what a stream holds. After a trap, or where the stream is not to be had, nothing in the decoder's memory can
+ * be trusted: this thread gets a new decoder, and other streams of the old one fail.
+ */
+function end(stream, thrown) {
+  try {
+    if (!hasTrapped(thrown)) return stream.free();
+  } catch {
+    // The error that came first is the one to hear of.
+  }
+  try {
+    renew();
+  } catch {
+    // There is no memory for another decoder; decodings in this thread go on failing.
+  }
 }
 
 export class Decoding {
@@ -186,7 +199,8 @@ export class Decoding {
 
   /** Hands out the whole scene, without the room for chunks that were left out. */
   whole() {
-    if (this.total === 0) this.stream.take(0, 0, this.scene, 0, 0, this.options.layout, this.shDegree);
+    // Without a chunk the arrays are not there yet.
+    if (this.count === 0) this.stream.take(0, 0, this.scene, 0, 0, this.options.layout, this.shDegree);
     const { scene, count, total, shDegree } = this;
     for (const [name, array] of Object.entries(scene)) {
       if (count < total) scene[name] = array.slice(0, (array.length / total) * count);
@@ -222,13 +236,19 @@ async function soon(promise) {
 /** Bytes in the order in which they come. */
 async function inOrder(decoding, input) {
   const pieces = input.pieces();
+  const ask = () => {
+    const piece = pieces.next();
+    // Whoever waits for it hears of a failure.
+    piece.catch(() => {});
+    return piece;
+  };
   let offset = 0;
   try {
-    for (let next = pieces.next(); ;) {
+    for (let next = ask(); ;) {
       if (decoding.options.progressive && !(await soon(next))) decoding.partly();
       const { done, value } = await next;
       if (done) break;
-      next = pieces.next();
+      next = ask();
       decoding.give(offset, value, input.length);
       offset += value.length;
       await decoding.advance();
@@ -306,7 +326,9 @@ async function byRanges(decoding, input) {
 
 /** Decodes `source` and hands out messages: head, chunks, progress. */
 export async function run(source, options, emit, signal) {
+  const { memory } = await ready();
   const decoding = new Decoding(options, emit);
+  let failure;
   try {
     const part = options.lod > 0 || options.maxShDegree < 3;
     const input = await open(source, { request: options.request, part, signal });
@@ -314,9 +336,10 @@ export async function run(source, options, emit, signal) {
     if (options.whole) decoding.whole();
     return { head: decoding.told, skipped: decoding.skipped, received: decoding.received, memory: memory.buffer.byteLength };
   } catch (thrown) {
+    failure = thrown;
     if (signal?.aborted) throw signal.reason;
     throw GsvxError.from(thrown);
   } finally {
-    decoding.stream.free();
+    end(decoding.stream, failure);
   }
 }

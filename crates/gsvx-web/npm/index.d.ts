@@ -173,8 +173,8 @@ export function decode<L extends Layout = 'planar'>(source: Source, options: Opt
 export function decode<L extends Layout = 'planar'>(source: Source, options?: Options<L>): Promise<Scene<L>>;
 
 /**
- * What went wrong. Codes: `not-gsvx`, `version`, `truncated`, `damaged`, `limit`, `http`, `network`,
- * `memory`, `option`, `failed`.
+ * What went wrong. Codes: `not-gsvx`, `version`, `truncated`, `damaged`, `limit`, `http`, `network` (the source
+ * cannot be read: a server, a file, a stream), `memory`, `option`, `failed`.
  */
 export class GsvxError extends Error {
   code: string;

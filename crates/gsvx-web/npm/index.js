@@ -13,6 +13,12 @@ function number(name, value, least, most) {
   return value;
 }
 
+function limit(name, value) {
+  if (value !== undefined && !(typeof value === 'number' && value >= 0)) {
+    throw new GsvxError(`${name} is ${value}, must be a number that is not negative`, { code: 'option' });
+  }
+}
+
 /** What a worker needs of the options, checked. */
 function checked({ layout = 'planar', maxShDegree = 3, lod = 0, salvage = false, limits = {}, request, onChunk, progressive = Boolean(onChunk), worker = true, workers = 1 }) {
   if (!LAYOUTS.includes(layout)) {
@@ -24,7 +30,12 @@ function checked({ layout = 'planar', maxShDegree = 3, lod = 0, salvage = false,
   if (workers > 1 && !(onChunk && worker)) {
     throw new GsvxError('workers hand out chunks: give onChunk, and leave worker as it is', { code: 'option' });
   }
+  if (limits === null || typeof limits !== 'object') {
+    throw new GsvxError(`limits is ${limits}, must be an object with gaussians and bytes`, { code: 'option' });
+  }
   const { gaussians, bytes } = limits;
+  limit('limits.gaussians', gaussians);
+  limit('limits.bytes', bytes);
   const whole = !onChunk;
   return { layout, maxShDegree, lod, salvage: Boolean(salvage), limits: { gaussians, bytes }, request, whole, progressive: progressive && !whole };
 }
@@ -40,7 +51,12 @@ function sendable(source) {
   }
   if (typeof Response !== 'undefined' && source instanceof Response) {
     if (!source.ok) throw new GsvxError(`${source.url}: HTTP ${source.status}`, { code: 'http', status: source.status });
-    return source.body;
+    if (source.bodyUsed) throw new GsvxError(`${source.url}: the response has been read already`, { code: 'option' });
+    // An answer without a body is an empty stream.
+    return source.body ?? new Uint8Array();
+  }
+  if (source instanceof ReadableStream && source.locked) {
+    throw new GsvxError('the stream is being read already', { code: 'option' });
   }
   const known = source instanceof Blob || source instanceof ReadableStream || source instanceof ArrayBuffer ||
     ArrayBuffer.isView(source);
@@ -166,11 +182,19 @@ export async function decode(source, options = {}) {
   } else {
     const { ready, run } = await import('./core.js');
     await ready(module);
+    let own;
     const checkedHandle = (message) => {
       signal?.throwIfAborted();
-      handle(message);
+      try {
+        handle(message);
+      } catch (thrown) {
+        own = { thrown };
+        throw thrown;
+      }
     };
-    result = await run(input, { ...settings, yields: true }, checkedHandle, signal);
+    result = await run(input, { ...settings, yields: true }, checkedHandle, signal).catch((error) => {
+      throw own ? own.thrown : error;
+    });
   }
   return scene ? { ...scene, skipped: result.skipped, memory: result.memory } : result;
 }

@@ -12,34 +12,47 @@ export async function open(source, { request, part, signal }) {
   if (source.pieces || source.range) return source;
   if (typeof source === 'string') {
     const local = source.startsWith('file:') && globalThis.process?.versions?.node;
-    return local ? blob(await file(source)) : remote(source, { ...request, signal }, part);
+    return local ? blob(await file(source), source) : remote(source, { ...request, signal }, part);
   }
   if (source instanceof Blob) return blob(source);
-  if (source instanceof ReadableStream) return { pieces: () => chunks(source) };
-  const bytes = source instanceof ArrayBuffer ? new Uint8Array(source)
-    : new Uint8Array(source.buffer, source.byteOffset, source.byteLength);
+  if (source instanceof ReadableStream) return { pieces: () => chunks('the stream', source, signal) };
+  const bytes = bytesOf('the source', source);
   return { length: bytes.length, range: async (start, end) => bytes.subarray(start, end) };
 }
 
-function blob(source) {
-  const range = async (start, end) => new Uint8Array(await source.slice(start, end).arrayBuffer());
+function bytesOf(name, value) {
+  if (ArrayBuffer.isView(value)) return new Uint8Array(value.buffer, value.byteOffset, value.byteLength);
+  if (value instanceof ArrayBuffer) return new Uint8Array(value);
+  throw new GsvxError(`${name}: gives something else than bytes`, { code: 'option' });
+}
+
+function blob(source, name = 'the file') {
+  const range = (start, end) => whole(name, source.slice(start, end));
   return { length: source.size, range };
 }
 
 /** A file, in Node. */
 async function file(url) {
   const { openAsBlob } = await import(/* @vite-ignore */ /* webpackIgnore: true */ 'node:fs');
-  return openAsBlob(new URL(url));
+  try {
+    return await openAsBlob(new URL(url));
+  } catch (thrown) {
+    throw GsvxError.reading(url, thrown);
+  }
 }
 
-async function* chunks(stream) {
+/** The bytes of a stream; those of a response without a body are none. */
+async function* chunks(name, stream, signal) {
+  if (!stream) return;
   const reader = stream.getReader();
   let ended = false;
   try {
     for (;;) {
-      const { done, value } = await reader.read();
+      const { done, value } = await reader.read().catch((thrown) => {
+        throw signal?.aborted ? thrown : GsvxError.reading(name, thrown);
+      });
       if (done) break;
-      yield value;
+      yield bytesOf(name, value);
     }
     ended = true;
   } finally {
@@ -48,13 +61,21 @@ async function* chunks(stream) {
   }
 }
 
+/** All bytes of a response or a Blob. */
+async function whole(name, body, signal) {
+  try {
+    return new Uint8Array(await body.arrayBuffer());
+  } catch (thrown) {
+    throw signal?.aborted ? thrown : GsvxError.reading(name, thrown);
+  }
+}
+
 async function get(url, init) {
   let response;
   try {
     response = await fetch(url, init);
-  } catch (error) {
-    if (init.signal?.aborted) throw error;
-    throw new GsvxError(`${url}: ${error.cause?.message ?? error.message}`, { code: 'network' });
+  } catch (thrown) {
+    throw init.signal?.aborted ? thrown : GsvxError.reading(url, thrown);
   }
   if (!response.ok) {
     const text = `${url}: HTTP ${response.status} ${response.statusText}`.trim();
@@ -70,16 +91,16 @@ async function remote(url, init, part) {
   // A server without ranges sends all; with a coding, the length is not that of the stream.
   if (response.status !== 206) {
     const coded = response.headers.get('Content-Encoding');
-    return { length: coded ? undefined : length, pieces: () => chunks(response.body) };
+    return { length: coded ? undefined : length, pieces: () => chunks(url, response.body, init.signal) };
   }
   const total = Number(response.headers.get('Content-Range')?.split('/')[1]) || undefined;
-  const first = new Uint8Array(await response.arrayBuffer());
+  const first = await whole(url, response, init.signal);
   return {
     length: total,
     first,
     async range(start, end) {
       const answer = await get(url, range(start, end));
-      const bytes = new Uint8Array(await answer.arrayBuffer());
+      const bytes = await whole(url, answer, init.signal);
       return answer.status === 206 ? bytes : bytes.subarray(start, end);
     },
   };

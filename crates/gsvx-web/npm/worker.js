@@ -2,11 +2,7 @@
 import { GsvxError } from './error.js';
 import { ready, run } from './core.js';
 
-const node = typeof self === 'undefined'
-  ? await import(/* @vite-ignore */ /* webpackIgnore: true */ 'node:worker_threads') : null;
-const port = node ? node.parentPort : self;
-
-async function start({ module, source, options }) {
+async function start(port, { module, source, options }) {
   try {
     await ready(module);
     const result = await run(source, options, (message, transfer) => port.postMessage(message, transfer ?? []));
@@ -16,5 +12,10 @@ async function start({ module, source, options }) {
   }
 }
 
-if (node) port.once('message', start);
-else port.onmessage = ({ data }) => start(data);
+if (typeof self === 'undefined') {
+  // In Node. Messages wait for whoever listens.
+  import(/* @vite-ignore */ /* webpackIgnore: true */ 'node:worker_threads')
+    .then(({ parentPort: port }) => port.once('message', (message) => start(port, message)));
+} else {
+  self.onmessage = ({ data }) => start(self, data);
+}

@@ -113,10 +113,19 @@ pub enum Error {
         /// The attribute.
         field: &'static str,
     },
+    /// A rotation is a quaternion of zeros.
+    #[cfg(feature = "encode")]
+    #[error(
+        "Gaussian {index} has a rotation of zero, which is no direction; drop invalid Gaussians before encoding"
+    )]
+    ZeroRotation {
+        /// Index of the first such Gaussian.
+        index: usize,
+    },
     /// A value is finite, but beyond what lossy coding can hold.
     #[cfg(feature = "encode")]
     #[error(
-        "Gaussian {index} has a {field} of {value:e}, and lossy coding holds +-{limit}; drop the Gaussian or encode without loss"
+        "Gaussian {index} has a value of {value:e} ({field}), and lossy coding holds +-{limit}; lossless coding keeps it"
     )]
     TooLarge {
         /// Index of the first such Gaussian.

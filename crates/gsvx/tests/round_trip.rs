@@ -323,14 +323,29 @@ fn every_sh_coefficient_is_checked() {
                 matches!(refused, Err(Error::NonFinite { index: 7, field: "SH coefficient" })),
                 "{coefficient}: {value}"
             );
-            assert!(encode(&with(&plain, value), &options).is_err(), "{coefficient}: {value}");
+            // The number is that in the input, not that among the sorted leaves.
+            let refused = encode(&with(&plain, value), &options);
+            assert!(
+                matches!(refused, Err(Error::NonFinite { index: 7, field: "SH coefficient" })),
+                "{coefficient}: {value}"
+            );
         }
+        let refused = encode(&with(&plain, 1e6), &options);
+        assert!(matches!(refused, Err(Error::TooLarge { index: 7, .. })), "{coefficient}");
         let refused = encode_voxels(&with(&merged, -2e4), voxels.octree(), None, &options);
         assert!(
             matches!(refused, Err(Error::TooLarge { index: 7, field: "SH coefficient", .. })),
             "{coefficient}"
         );
     }
+}
+
+#[test]
+fn a_rotation_of_zero_is_called_that() {
+    let mut scene = scene(50, 1, 5);
+    scene.rotations[9] = [0.0; 4];
+    let refused = encode(&scene, &EncodeOptions::default());
+    assert!(matches!(refused, Err(Error::ZeroRotation { index: 9 })), "{refused:?}");
 }
 
 /// Found by `cargo xtask stress`: values far beyond trained ones have to come back or be refused.

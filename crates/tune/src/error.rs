@@ -76,6 +76,9 @@ pub enum Error {
     /// No camera sees a Gaussian.
     #[error("no camera sees the model; check that model and cameras belong together")]
     NothingSeen,
+    /// The cancellation flag was set before the first step: there is no result yet.
+    #[error("interrupted before the first step")]
+    Interrupted,
     /// An option out of range.
     #[error("{option} is {value}, must be {range}")]
     Option {

@@ -135,7 +135,7 @@ impl FineTune {
     /// that cannot be written does not end the run: see [`Progress::checkpoint_failed`].
     ///
     /// # Errors
-    /// [`Error::Finetune`] if a GPU that was asked for fails.
+    /// [`Error::Interrupted`]; [`Error::Finetune`] if a GPU that was asked for fails.
     pub fn run(self, mut progress: impl FnMut(&Progress<'_>)) -> Result<FineTuned> {
         let Self { mut trainer, mut work } = self;
         let reason = trainer.run(&mut work, &mut progress)?;

@@ -61,6 +61,7 @@ impl Tune {
         looked: impl FnMut(usize, usize),
     ) -> Result<Self> {
         scene.validate()?;
+        gsvx::check_values(&scene, scene.sh_degree, 0)?;
         // What a view shows lies together in memory.
         scene = scene.select(&gs_model::morton_order(&scene.means));
         if let Target::Psnr(db) = options.target
@@ -143,13 +144,14 @@ impl Tune {
 
     /// Runs to the end, calling `progress` now and then.
     ///
-    /// Ends early when the cancellation flag is set; the stream is then that of what has been reached.
+    /// Ends early when the cancellation flag is set; the stream is then that of what has been reached, unless that is
+    /// the input itself.
     /// A checkpoint that cannot be written does not end the run, which goes on without checkpoints:
     /// [`Progress::checkpoint_failed`] says so once, and the last one that could be written stays. If a GPU fails under [`Backend::Auto`](finetune::Backend),
     /// the processor goes on from the last state that was kept.
     ///
     /// # Errors
-    /// [`Error::Codec`], [`Error::NothingSeen`]; [`Error::Finetune`] if a GPU that was asked for fails.
+    /// [`Error::Codec`], [`Error::NothingSeen`]; [`Error::Interrupted`]; [`Error::Finetune`] if a GPU that was asked for fails.
     pub fn run(self, progress: impl FnMut(&Progress<'_>)) -> Result<TuneOutcome> {
         let Self { mut trainer, mut course, target, input_psnr } = self;
         let cancelled = trainer.run(&mut course, progress)? == StopReason::Cancelled;

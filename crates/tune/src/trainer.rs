@@ -130,7 +130,8 @@ impl Trainer {
         Ok(())
     }
 
-    /// Runs to the end, calling `progress` now and then. Says why it ended.
+    /// Runs to the end, calling `progress` now and then. Says why it ended. A run that is cancelled before its first
+    /// step has nothing to show: [`Error::Interrupted`].
     pub(crate) fn run(
         &mut self,
         work: &mut impl Work,
@@ -160,6 +161,9 @@ impl Trainer {
     ) -> Result<StopReason> {
         let reason = loop {
             if self.cancel.as_ref().is_some_and(|c| c.load(Ordering::Relaxed)) {
+                if self.done == 0 {
+                    return Err(Error::Interrupted);
+                }
                 break StopReason::Cancelled;
             }
             if let Some(reason) = work.advance(&mut self.views)? {
@@ -347,6 +351,14 @@ mod tests {
             );
             assert_eq!(told.last(), Some(&(50, Backend::Cpu)));
         }
+    }
+
+    #[test]
+    fn a_run_that_is_cancelled_before_its_first_step_has_no_result() {
+        let mut trainer = trainer(Backend::Cpu, false, None);
+        trainer.cancel = Some(Arc::new(AtomicBool::new(true)));
+        let end = trainer.run(&mut Sum::default(), |_| ());
+        assert!(matches!(end, Err(Error::Interrupted)), "{end:?}");
     }
 
     #[test]

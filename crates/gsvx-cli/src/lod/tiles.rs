@@ -6,10 +6,10 @@
 //!
 //! 3D Tiles have z up: `(x, z, -y)` of a stream, whose y points down.
 
-use super::LodArgs;
+use super::Folder;
 use super::site::Site;
 use crate::exit::note;
-use crate::output::{Output, Written, counted};
+use crate::output::counted;
 use crate::progress::Meter;
 use crate::stream_file::StreamFile;
 use anyhow::Result;
@@ -17,6 +17,7 @@ use gs_model::spz::{MAX_COORDINATE, ShBits};
 use gs_model::{Scene, gltf};
 use gsvx::Index;
 use serde_json::{Value, json};
+use std::io::Write;
 
 /// Name of the tree.
 pub(super) const LIST: &str = "tileset.json";
@@ -37,14 +38,18 @@ struct Node {
 }
 
 /// Writes the folder. Returns the bytes of all contents.
-pub(super) fn write(args: &LodArgs, stream: &mut StreamFile, site: Option<Site>) -> Result<u64> {
+pub(super) fn write(
+    to: &mut Folder<'_>,
+    stream: &mut StreamFile,
+    site: Option<Site>,
+) -> Result<u64> {
     let index = stream.index.clone();
     let progress = Meter::new("chunks", index.chunks.len());
-    let mut tree = Tree { args, stream, index: &index, progress, bytes: 0, left_out: 0 };
+    let mut tree = Tree { to, stream, index: &index, progress, bytes: 0, left_out: 0 };
     let coarsest = index.coarsest_lod();
     let roots = index.chunks_of_lod(coarsest).map(|chunk| tree.node(chunk));
     let roots: Vec<Node> = roots.filter_map(Result::transpose).collect::<Result<_>>()?;
-    let Tree { bytes, left_out, .. } = tree;
+    let Tree { to, bytes, left_out, .. } = tree;
     if left_out > 0 {
         let these = counted(left_out, "Gaussian");
         note(format_args!(
@@ -52,13 +57,13 @@ pub(super) fn write(args: &LodArgs, stream: &mut StreamFile, site: Option<Site>)
         ));
     }
     let list = tileset(&roots, site).to_string();
-    super::write(args, LIST, list.as_bytes())?;
+    to.write(LIST, list.as_bytes())?;
     Ok(bytes)
 }
 
 /// What nodes are made from.
-struct Tree<'a> {
-    args: &'a LodArgs,
+struct Tree<'a, 'f> {
+    to: &'a mut Folder<'f>,
     stream: &'a mut StreamFile,
     index: &'a Index,
     progress: Meter,
@@ -67,7 +72,7 @@ struct Tree<'a> {
     left_out: usize,
 }
 
-impl Tree<'_> {
+impl Tree<'_, '_> {
     /// Writes the content of a chunk, and those of all that replace it; none of a chunk that is left out.
     fn node(&mut self, chunk: usize) -> Result<Option<Node>> {
         let finer = self.index.finer(chunk).map(|c| self.node(c));
@@ -84,7 +89,7 @@ impl Tree<'_> {
             return Ok(None);
         }
         let uri = format!("{}.glb", super::chunk_name(self.index, chunk));
-        self.bytes += content(self.args, &uri, &scene)?.bytes;
+        self.bytes += content(self.to, &uri, &scene)?;
         self.progress.inc();
         let mut bounds = bounds(&scene);
         children.iter().for_each(|child| widen(&mut bounds, child.bounds));
@@ -97,10 +102,11 @@ impl Tree<'_> {
     }
 }
 
-fn content(args: &LodArgs, uri: &str, scene: &Scene) -> Result<Written> {
-    let output = Output::open(&args.output.join(uri), args.force, &[&args.input])?;
-    let name = output.name();
-    output.write(|out| Ok(gltf::write_spz(&name, out, scene, SH_BITS)?))
+/// Writes a content. Returns its length.
+fn content(to: &mut Folder<'_>, uri: &str, scene: &Scene) -> Result<u64> {
+    let name = to.args.output.join(uri).display().to_string();
+    let fill = |out: &mut (dyn Write + Send)| Ok(gltf::write_spz(&name, out, scene, SH_BITS)?);
+    to.output.write(uri, &[&to.args.input], fill)
 }
 
 /// A box around the means, each with the standard deviation of its longest axis on all sides.

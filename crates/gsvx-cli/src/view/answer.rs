@@ -1,16 +1,16 @@
 //! Answers to the requests of the viewer page: the page, and ranges of the files.
 
+use super::server::Request;
 use std::fs::File;
-use std::io::{Read, Seek, SeekFrom};
+use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-use tiny_http::{Header, Method, Request, Response, ResponseBox};
 
 /// The viewer page, compressed by gzip; made by `cargo xtask web --page`.
 const PAGE: &[u8] = include_bytes!("../../view/index.html.gz");
 
 /// The path under which a file is served. Its name is kept: the page shows it.
-pub(crate) fn place(number: usize, file: &Path) -> String {
+pub(super) fn place(number: usize, file: &Path) -> String {
     let name = file.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     format!("/file/{number}/{}", escaped(&name))
 }
@@ -23,85 +23,106 @@ fn escaped(name: &str) -> String {
         .collect()
 }
 
-/// Answers one request. A reader that goes away is no error.
-pub(crate) fn answer(request: Request, host: &str, files: &[PathBuf]) {
-    let response = response(&request, host, files);
-    let _ = request.respond(response);
+/// What a client gets.
+pub(super) struct Answer {
+    status: u16,
+    fields: Vec<(&'static str, String)>,
+    body: Box<dyn Read>,
+    length: u64,
 }
 
-fn response(request: &Request, host: &str, files: &[PathBuf]) -> ResponseBox {
-    let value = |name: &'static str| {
-        let found = request.headers().iter().find(|h| h.field.equiv(name));
-        found.map(|h| h.value.as_str())
-    };
+impl Answer {
+    fn new(status: u16, length: u64, body: impl Read + 'static) -> Self {
+        let fields = vec![("Cache-Control", "no-store".into()), ("Connection", "close".into())];
+        Self { status, fields, body: Box::new(body), length }
+    }
+
+    fn with(mut self, name: &'static str, value: impl Into<String>) -> Self {
+        self.fields.push((name, value.into()));
+        self
+    }
+
+    /// A status that is no success, and why.
+    pub(super) fn refused(status: u16, why: &str) -> Self {
+        let (length, body) = (why.len() as u64, io::Cursor::new(why.as_bytes().to_vec()));
+        Self::new(status, length, body).with("Content-Type", "text/plain; charset=utf-8")
+    }
+
+    /// Sends it; to a HEAD request without its body.
+    pub(super) fn send(mut self, out: &mut impl Write, is_head: bool) -> io::Result<()> {
+        let Self { status, fields, length, .. } = &self;
+        let mut head = format!("HTTP/1.1 {status} {}\r\n", reason(*status));
+        for (name, value) in fields {
+            head += &format!("{name}: {value}\r\n");
+        }
+        head += &format!("Content-Length: {length}\r\n\r\n");
+        out.write_all(head.as_bytes())?;
+        if !is_head {
+            io::copy(&mut self.body, out)?;
+        }
+        Ok(())
+    }
+}
+
+fn reason(status: u16) -> &'static str {
+    match status {
+        200 => "OK",
+        206 => "Partial Content",
+        403 => "Forbidden",
+        404 => "Not Found",
+        405 => "Method Not Allowed",
+        413 => "Content Too Large",
+        416 => "Range Not Satisfiable",
+        431 => "Request Header Fields Too Large",
+        500 => "Internal Server Error",
+        _ => "Bad Request",
+    }
+}
+
+/// Answers one request.
+pub(super) fn answer(request: &Request<'_>, host: &str, files: &[PathBuf]) -> Answer {
     // Another site that points its name at this machine reads nothing.
-    if value("Host") != Some(host) {
-        return refused(403, "open the address that gsvx view printed");
+    if request.field("Host") != Some(host) {
+        return Answer::refused(403, "open the address that gsvx view printed");
     }
-    if !matches!(request.method(), Method::Get | Method::Head) {
-        return refused(405, "GET or HEAD");
+    if !matches!(request.method, "GET" | "HEAD") {
+        return Answer::refused(405, "GET or HEAD").with("Allow", "GET, HEAD");
     }
-    let path = request.url().split('?').next().unwrap_or_default();
+    let path = request.target.split('?').next().unwrap_or_default();
     if path == "/" {
-        return page();
+        return Answer::new(200, PAGE.len() as u64, PAGE)
+            .with("Content-Type", "text/html; charset=utf-8")
+            .with("Content-Encoding", "gzip");
     }
     let found = files.iter().enumerate().find(|(i, file)| place(*i, file) == path);
     match found {
-        Some((_, file)) => part(file, value("Range")).unwrap_or_else(|error| {
-            refused(500, &format!("{}: cannot be read: {error}", file.display()))
+        Some((_, file)) => part(file, request.field("Range")).unwrap_or_else(|error| {
+            Answer::refused(500, &format!("{}: cannot be read: {error}", file.display()))
         }),
-        None => refused(404, "not here"),
+        None => Answer::refused(404, "not here"),
     }
-}
-
-fn with(mut response: ResponseBox, headers: &[(&str, &str)]) -> ResponseBox {
-    let headers = headers.iter().filter_map(|&(name, value)| Header::from_bytes(name, value).ok());
-    headers.for_each(|header| response.add_header(header));
-    response
-}
-
-/// A body that is never sent by chunks: the page shows how much is still to come.
-fn sized(status: u16, body: impl Read + Send + 'static, length: usize) -> ResponseBox {
-    Response::new(status.into(), Vec::new(), body, Some(length), None)
-        .with_chunked_threshold(usize::MAX)
-        .boxed()
-}
-
-fn refused(status: u16, text: &str) -> ResponseBox {
-    Response::from_string(text).with_status_code(status).boxed()
-}
-
-fn page() -> ResponseBox {
-    let headers = [
-        ("Content-Type", "text/html; charset=utf-8"),
-        ("Content-Encoding", "gzip"),
-        ("Cache-Control", "no-store"),
-    ];
-    with(sized(200, PAGE, PAGE.len()), &headers)
 }
 
 /// A file, or the range of it that is asked for.
-fn part(path: &Path, range: Option<&str>) -> std::io::Result<ResponseBox> {
+fn part(path: &Path, range: Option<&str>) -> io::Result<Answer> {
     let mut file = File::open(path)?;
     let length = file.metadata()?.len();
-    let wanted = range.and_then(|text| parsed(text, length));
-    let Range { start, end } = wanted.clone().unwrap_or(0..length);
-    if wanted.is_some() && start >= end {
+    let Some(Range { start, end }) = range.and_then(|text| parsed(text, length)) else {
+        return Ok(whole(200, length, file));
+    };
+    if start >= end {
         let range = format!("bytes */{length}");
-        return Ok(with(refused(416, "no such range"), &[("Content-Range", &range)]));
+        return Ok(Answer::refused(416, "no such range").with("Content-Range", range));
     }
     file.seek(SeekFrom::Start(start))?;
-    let status = if wanted.is_some() { 206 } else { 200 };
-    let range = format!("bytes {start}-{}/{length}", end.saturating_sub(1));
-    let headers = [
-        ("Content-Type", "model/vnd.gsvx"),
-        ("Accept-Ranges", "bytes"),
-        ("Cache-Control", "no-store"),
-        ("Content-Range", &range),
-    ];
-    // The last is of ranges only.
-    let headers = if wanted.is_some() { &headers[..] } else { &headers[..3] };
-    Ok(with(sized(status, file.take(end - start), (end - start) as usize), headers))
+    let range = format!("bytes {start}-{}/{length}", end - 1);
+    Ok(whole(206, end - start, file).with("Content-Range", range))
+}
+
+fn whole(status: u16, length: u64, file: File) -> Answer {
+    Answer::new(status, length, file.take(length))
+        .with("Content-Type", "model/vnd.gsvx")
+        .with("Accept-Ranges", "bytes")
 }
 
 /// A single range of bytes, cut to the file; an empty one if it is beyond it. Others are none.

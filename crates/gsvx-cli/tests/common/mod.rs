@@ -1,6 +1,7 @@
 //! The command, the models it is run on, and what is said of a run.
 #![allow(dead_code, reason = "each test file uses its own part")]
 
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, SystemTime};
@@ -32,12 +33,16 @@ pub(crate) fn small(dir: &Path) -> PathBuf {
 
 /// Runs the command; each `@` of `words` stands for the next of `paths`.
 pub(crate) fn run(words: &[&str], paths: &[&Path]) -> Output {
+    gsvx().args(filled(words, paths)).output().unwrap()
+}
+
+fn filled(words: &[&str], paths: &[&Path]) -> Vec<OsString> {
     let mut paths = paths.iter();
-    let words = words.iter().map(|&w| match w {
+    let word = |&w: &&str| match w {
         "@" => paths.next().expect("a path per @").as_os_str().to_owned(),
         word => word.into(),
-    });
-    gsvx().args(words.collect::<Vec<_>>()).output().unwrap()
+    };
+    words.iter().map(word).collect()
 }
 
 /// What a run that succeeded says on standard output.
@@ -89,6 +94,22 @@ pub(crate) fn piped(words: &[&str], input: &[u8]) -> Output {
     out
 }
 
+/// Starts the command and interrupts it once `ready`. It must not end before.
+#[cfg(unix)]
+#[track_caller]
+pub(crate) fn interrupted(words: &[&str], paths: &[&Path], ready: impl Fn() -> bool) -> Output {
+    let mut command = gsvx();
+    command.args(filled(words, paths)).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut child = command.spawn().unwrap();
+    while !ready() {
+        assert!(child.try_wait().unwrap().is_none(), "ended before it was interrupted");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    let kill = Command::new("kill").args(["-INT", &child.id().to_string()]).status();
+    assert!(kill.unwrap().success());
+    child.wait_with_output().unwrap()
+}
+
 /// Exit code 1 and exactly one line, which holds `needle`.
 #[track_caller]
 pub(crate) fn one_line(out: &Output, needle: &str) {
@@ -96,6 +117,15 @@ pub(crate) fn one_line(out: &Output, needle: &str) {
     assert_eq!(out.status.code(), Some(1), "{error}");
     assert_eq!(error.lines().count(), 1, "{error}");
     assert!(error.contains(needle), "{needle:?} is not in {error:?}");
+}
+
+/// Exit code 1, and a last line, which holds `needle`; notes may come before it.
+#[track_caller]
+pub(crate) fn failed(out: &Output, needle: &str) {
+    let error = heard(out);
+    assert_eq!(out.status.code(), Some(1), "{error}");
+    let last = error.lines().last().unwrap_or_default();
+    assert!(last.contains(needle), "{needle:?} is not in {error:?}");
 }
 
 /// Exit code 2 and one line, which holds `needle`.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 import os
 from typing import Any, Dict, Mapping, Sequence, Tuple, Union
 
@@ -31,6 +32,17 @@ _MARK = "antialiased"
 _COEFFICIENTS = (0, 3, 8, 15)
 
 
+def check_numbers(wholes: Mapping[str, Any], others: Mapping[str, Any]) -> None:
+    """Refuses arguments that are no numbers; ``wholes`` must be whole and not negative. None is no argument."""
+    for name, value in wholes.items():
+        if value is not None and not (hasattr(value, "__index__") and operator.index(value) >= 0):
+            raise ValueError(f"{name}: a whole number expected, not {value!r}")
+    for name, value in others.items():
+        is_number = hasattr(value, "__float__") or hasattr(value, "__index__")
+        if value is not None and not is_number:
+            raise ValueError(f"{name}: a number expected, not {value!r}")
+
+
 def as_array(value: Any, dtype: Any, name: str) -> npt.NDArray[Any]:
     """An aligned numpy array of a type. The memory is the caller's where that is possible."""
     # Tensors of torch: numpy takes none that require gradients or lie on a GPU.
@@ -41,7 +53,11 @@ def as_array(value: Any, dtype: Any, name: str) -> npt.NDArray[Any]:
     if not hasattr(value, "__array__") and hasattr(value, "__dlpack__"):
         value = np.from_dlpack(value)
     try:
-        return np.require(value, dtype=dtype, requirements="A")
+        array = np.asarray(value)
+        # Casts that drop an imaginary part, or make numbers of dates, texts and records, are none.
+        if array.dtype.kind not in "biuf" and not np.can_cast(array.dtype, np.float64):
+            raise TypeError(f"its type is {array.dtype}")
+        return np.require(array, dtype=dtype, requirements="A")
     except (TypeError, ValueError) as error:
         raise ValueError(f"{name}: no array of numbers: {error}") from error
 

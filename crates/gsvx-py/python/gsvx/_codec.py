@@ -8,7 +8,7 @@ import warnings
 from typing import Any, Dict, Mapping, Optional, Sequence, Tuple, Union
 
 from . import _gsvx
-from ._arrays import Splats, from_native, joined
+from ._arrays import Splats, check_numbers, from_native, joined
 from ._cameras import CamerasLike, _as_cameras
 from ._files import ModelLike, Source, Target, check_writable, model, opened, write
 from ._reports import Estimate, ProgressCallback, Report, _callback
@@ -163,7 +163,15 @@ def _check(
     web: bool,
     options: Dict[str, Any],
 ) -> None:
-    """Combinations of arguments that make no sense."""
+    """Arguments, and combinations of them, that make no sense."""
+    wholes = ("target_bytes", "max_sh_degree", "depth", "j_low")
+    check_numbers(
+        {name: options[name] for name in wholes},
+        {name: options[name] for name in ("quality", "target_psnr", "prune")},
+    )
+    for name in ("max_sh_degree", "prune"):
+        if options[name] is None:
+            raise ValueError(f"{name}: a number expected, not None")
     rates = ("quality", "target_bytes", "target_psnr", "max_error")
     given = [name for name in rates if options[name] is not None]
     if preset is not None:
@@ -200,11 +208,13 @@ def _bounds(
     error: Optional[Union[float, Mapping[str, float]]],
 ) -> Optional[Tuple[float, float, float, float]]:
     """Bounds on mean, opacity, shape and SH."""
-    if error is None or not isinstance(error, Mapping):
+    if not isinstance(error, Mapping):
+        check_numbers({}, {"max_error": error})
         return None if error is None else (error, error, error, error)
     names = ("mean", "opacity", "shape", "sh")
     if set(error) != set(names):
         raise ValueError(f"max_error: a number, or one for each of {', '.join(names)} expected")
+    check_numbers({}, {f"max_error: {name}": error[name] for name in names})
     return (error["mean"], error["opacity"], error["shape"], error["sh"])
 
 
@@ -261,6 +271,7 @@ def decompress_bytes(
 
 
 def _degree(max_sh_degree: Optional[int]) -> int:
+    check_numbers({"max_sh_degree": max_sh_degree}, {})
     degree = 3 if max_sh_degree is None else max_sh_degree
     if not 0 <= degree <= 3:
         raise ValueError(f"max_sh_degree is {degree}, must be 0 to 3")
@@ -276,6 +287,7 @@ def _decode(
     max_gaussians: Optional[int],
 ) -> Splats:
     degree = _degree(max_sh_degree)
+    check_numbers({"lod": lod, "max_gaussians": max_gaussians}, {})
     if not 0 <= lod <= 255:
         raise ValueError(f"lod is {lod}, must be 0 to 255")
     wanted = dict(

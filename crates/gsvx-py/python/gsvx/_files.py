@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import os
+import secrets
 import warnings
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any, BinaryIO, Dict, Iterator, Tuple, Union, cast
@@ -28,18 +30,33 @@ def is_path(value: object) -> TypeGuard[PathLike]:
 def write(target: Target, data: bytes) -> None:
     """Writes a file. One with a name appears whole or not at all; an existing one is replaced."""
     if not is_path(target):
-        cast(Any, target).write(data)
+        _write_all(target, data)
         return
     path = os.fspath(target)
-    partial = f"{path}.{os.getpid()}.part"
+    # Threads of this process may write to the same path.
+    partial = f"{path}.{secrets.token_hex(8)}.part"
     try:
-        with open(partial, "wb") as file:
+        with open(partial, "xb") as file:
             file.write(data)
         os.replace(partial, path)
     except BaseException:
         with suppress(OSError):
             os.remove(partial)
         raise
+
+
+def _write_all(file: Any, data: bytes) -> None:
+    """Writes to an object that may take fewer bytes than it is given, as raw files and sockets do."""
+    while True:
+        taken = file.write(data)
+        if taken is None and not isinstance(file, io.RawIOBase):
+            # Many objects with write return nothing.
+            return
+        if not taken and data:
+            raise OSError(f"{name_of(file)}: takes no more bytes; {len(data)} are left")
+        if taken >= len(data):
+            return
+        data = data[taken:]
 
 
 def check_writable(target: Target) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import secrets
 import shutil
 import subprocess
 import tempfile
@@ -101,7 +102,7 @@ def put(local: str, url: str) -> None:
     """Copies a file to a URL, which shows the whole file or none."""
     fs, path = fsspec.url_to_fs(url)
     fs.makedirs(fs._parent(path), exist_ok=True)
-    unfinished = f"{path}.{os.getpid()}.part"
+    unfinished = f"{path}.{secrets.token_hex(8)}.part"
     fs.put_file(local, unfinished)
     fs.mv(unfinished, path)
 

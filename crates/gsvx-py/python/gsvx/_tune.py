@@ -9,7 +9,7 @@ from typing import Any, Dict, List, Optional, Sequence
 import numpy as np
 
 from . import _gsvx
-from ._arrays import PathLike, as_array
+from ._arrays import PathLike, as_array, check_numbers
 from ._cameras import Cameras, CamerasLike, _as_cameras
 from ._files import ModelLike, Target, check_writable, is_path, model, write
 from ._reports import ProgressCallback, TuneReport, _callback
@@ -59,6 +59,7 @@ def tune(
     """
     check_writable(path)
     _check(quality, target_bytes, target_psnr, effort)
+    check_numbers({"seed": seed}, {})
     views = _as_cameras(cameras, training=True, photos=not distil)
     used = None if distil or photos is None else _photos(photos)
     options = dict(
@@ -90,7 +91,10 @@ def _check(
     target_psnr: Optional[float],
     effort: str,
 ) -> None:
-    """Combinations of arguments that make no sense."""
+    """Arguments, and combinations of them, that make no sense."""
+    check_numbers(
+        {"target_bytes": target_bytes}, {"quality": quality, "target_psnr": target_psnr}
+    )
     targets = dict(quality=quality, target_bytes=target_bytes, target_psnr=target_psnr)
     given = [name for name, value in targets.items() if value is not None]
     if len(given) > 1:

@@ -16,10 +16,10 @@ pub(crate) fn check(scene: &Scene, first: usize) -> Result<()> {
     };
     each("mean", &|i| !scene.means[i].iter().all(|v| v.is_finite()))?;
     each("opacity", &|i| !scene.opacity_logits[i].is_finite())?;
-    each("rotation", &|i| {
-        let q = scene.rotations[i];
-        !q.iter().all(|v| v.is_finite()) || q == [0.0; 4]
-    })?;
+    each("rotation", &|i| !scene.rotations[i].iter().all(|v| v.is_finite()))?;
+    if let Some(i) = scene.rotations.iter().position(|&q| q == [0.0; 4]) {
+        return Err(Error::ZeroRotation { index: first + i });
+    }
     each("log-scale", &|i| !scene.log_scales[i].iter().all(|v| v.is_finite()))?;
     let fits = |field, values: &dyn Fn(usize) -> Vec<f32>| {
         for i in 0..scene.len() {

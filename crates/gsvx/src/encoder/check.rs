@@ -1,5 +1,6 @@
 //! What the encoder refuses before it begins.
 
+use crate::chunk;
 use crate::error::{Error, Result};
 use crate::head::Steps;
 use gpcc_lite::Octree;
@@ -35,6 +36,34 @@ pub(crate) fn check_centres(scene: &Scene, octree: &Octree) -> Result<()> {
     match pairs.position_first(off_centre) {
         Some(index) => Err(Error::OffCentre { index }),
         None => Ok(()),
+    }
+}
+
+/// Checks that lossy coding can hold the values of a scene, of its SH up to a degree. `first` is the number of its first
+/// Gaussian, for the error.
+///
+/// # Errors
+/// [`Error::NonFinite`], [`Error::ZeroRotation`], [`Error::TooLarge`]; [`Error::Length`] for arrays that do not fit.
+pub fn check_values(scene: &Scene, max_sh_degree: u8, first: usize) -> Result<()> {
+    check_lengths(scene)?;
+    if scene.sh_degree <= max_sh_degree {
+        return chunk::check(scene, first);
+    }
+    let mut cut = scene.clone();
+    cut.cut_sh(max_sh_degree);
+    chunk::check(&cut, first)
+}
+
+/// The error of coding, which sorts and merges, about the Gaussian of the input that is at fault.
+pub(crate) fn about_input(error: Error, scene: &Scene, max_sh_degree: u8) -> Error {
+    match error {
+        Error::NonFinite { .. }
+        | Error::ZeroRotation { .. }
+        | Error::TooLarge { .. }
+        | Error::InvalidOutlier { .. } => {
+            check_values(scene, max_sh_degree, 0).err().unwrap_or(error)
+        }
+        other => other,
     }
 }
 

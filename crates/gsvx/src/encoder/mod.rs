@@ -22,6 +22,7 @@ mod survey;
 mod tiled;
 mod warning;
 
+pub use check::check_values;
 pub use encode::encode_voxels;
 pub use encoded::{CoarseCells, Encoded, LEFT_OUT};
 pub use exact::encode_lossless;

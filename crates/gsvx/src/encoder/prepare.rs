@@ -1,7 +1,7 @@
 //! From a trained model to a stream: outliers, voxelization, merging, coding.
 
 use super::bounded;
-use super::check::{check_length, check_lengths};
+use super::check::{about_input, check_length, check_lengths};
 use super::encode::encode_source;
 use super::encoded::{Encoded, LEFT_OUT};
 use super::exact::all_exact;
@@ -30,8 +30,13 @@ use voxel::{Importance, Merge, Trimmed, Voxelization};
 /// # Errors
 /// [`Error::Voxel`] for what voxelization refuses, [`Error::Length`] if the importances in
 /// `options` are not one per Gaussian, [`Error::Option`] for options out of range,
-/// [`Error::NonFinite`] and [`Error::TooLarge`] for values that lossy coding cannot hold.
+/// [`Error::NonFinite`], [`Error::ZeroRotation`] and [`Error::TooLarge`] for values that lossy coding cannot hold.
+/// They count the Gaussians of `scene`.
 pub fn encode(scene: &Scene, options: &EncodeOptions) -> Result<Encoded> {
+    encode_input(scene, options).map_err(|error| about_input(error, scene, options.max_sh_degree))
+}
+
+fn encode_input(scene: &Scene, options: &EncodeOptions) -> Result<Encoded> {
     let mut input = Input::new(scene, options)?;
     let (transparent, count) = (input.transparent, input.scene.len());
     let outliers = split_outliers(&input.scene, &input.survey)?;
