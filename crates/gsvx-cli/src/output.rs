@@ -340,13 +340,14 @@ pub(crate) struct OutputFolder {
 impl OutputFolder {
     /// Makes the folder, unless it is there. One that holds something already needs `force`.
     pub(crate) fn open(path: &Path, force: bool) -> Result<Self> {
+        // An interruption finds no folder that is not in the ledger.
+        let mut ledger = ledger();
         let made = !path.exists();
         empty_folder(path, force)?;
         sweep(path);
         let waiting = tempfile::Builder::new().prefix(PREFIX).suffix(SUFFIX).tempdir_in(path);
         let waiting = waiting.with_context(|| format!("{}: cannot write here", path.display()))?;
         let lock = File::open(waiting.path()).ok().filter(|dir| dir.try_lock().is_ok());
-        let mut ledger = ledger();
         ledger.pending.push(waiting.path().into());
         ledger.made.extend(made.then(|| path.into()));
         Ok(Self { path: path.into(), waiting, _lock: lock, files: Vec::new() })
@@ -363,7 +364,12 @@ impl OutputFolder {
         let target = check(&path, true, inputs)?;
         let name = path.display().to_string();
         let failed = |e| not_written(&name, e);
-        let mut file = File::create(&waits).map_err(failed)?;
+        // While an interruption empties the folder nothing is added.
+        let created = {
+            let _ledger = ledger();
+            File::create(&waits)
+        };
+        let mut file = created.map_err(failed)?;
         self.files.push((waits, target));
         let bytes = Watched::fill(&mut file, &name, fill)?;
         file.sync_all().map_err(failed)?;
