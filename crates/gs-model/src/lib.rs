@@ -60,6 +60,8 @@ pub mod colmap;
 #[cfg(feature = "cameras")]
 pub mod dataset;
 #[cfg(feature = "files")]
+mod doubts;
+#[cfg(feature = "files")]
 pub mod error;
 #[cfg(feature = "files")]
 mod foreign;
@@ -115,6 +117,8 @@ pub use chain::{chain, printable};
 pub use codec::Codec;
 #[cfg(feature = "cameras")]
 pub use dataset::Dataset;
+#[cfg(feature = "files")]
+pub use doubts::Doubts;
 #[cfg(feature = "files")]
 pub use error::{Error, Result};
 #[cfg(feature = "files")]

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use crate::codec::Codec;
+use crate::doubts::Doubts;
 use crate::error::{Error, Result};
 use crate::limits::Limits;
 use crate::scene::Scene;
@@ -61,9 +62,17 @@ pub struct Report {
     /// What the file holds that the scene does not have, and what was read as something else: a sentence each,
     /// without the name of the file.
     pub notes: Vec<String>,
+    /// Why the model may not be what it seems ([`Doubts`]): a sentence each.
+    pub warnings: Vec<String>,
 }
 
 impl Report {
+    /// All that is to be said of the file: warnings, then notes.
+    #[must_use]
+    pub fn sentences(&self) -> Vec<String> {
+        [&self.warnings[..], &self.notes].concat()
+    }
+
     /// Of a file of this form that holds nothing but Gaussians.
     pub(crate) fn of(format: &'static str, form: impl Into<String>) -> Self {
         Self { format, form: form.into(), ..Self::default() }
@@ -76,6 +85,7 @@ pub(crate) struct Cleaned {
     read: usize,
     dropped: usize,
     limits: Limits,
+    doubts: Doubts,
 }
 
 impl Cleaned {
@@ -83,6 +93,7 @@ impl Cleaned {
     pub(crate) fn report(self, report: &mut Report) {
         (report.gaussians_in_file, report.dropped) = (self.read, self.dropped);
         report.notes.extend(self.limits.sentences());
+        report.warnings.extend(self.doubts.sentences());
         if self.dropped > 0 {
             let (n, all) = (self.dropped, self.read);
             let what = if n == 1 { "Gaussian is" } else { "Gaussians are" };
@@ -120,6 +131,7 @@ impl ReadOptions {
                 other => other,
             })?,
         }
+        cleaned.doubts.add(scene);
         Ok(())
     }
 }

@@ -41,7 +41,7 @@ fn colours_as_bytes_are_sh_coefficients() {
     }
     assert!(report.notes.len() == 1, "{:?}", report.notes);
     // Points without scales are no model.
-    says(ply_of("x y z red green blue", &[&[0.0; 6]]), "not a 3DGS model");
+    says(ply_of("x y z red green blue", &[&[0.0; 6]]), "a plain point cloud");
 }
 
 #[test]

@@ -57,8 +57,11 @@ pub(crate) fn run(args: &CompareArgs, report: Reporter) -> Result<()> {
     }
     let folder = args.output.as_deref();
     folder.map_or(Ok(()), |folder| empty_folder(folder, args.force))?;
-    let (a, _) = args.reading.any(&args.reference)?;
-    let (b, _) = args.reading.any(&args.model)?;
+    let (mut a, _) = args.reading.any(&args.reference)?;
+    let (mut b, _) = args.reading.any(&args.model)?;
+    // Both relative to one place: the origin of the one that has one.
+    let place = if a.origin == [0.0; 3] { b.origin } else { a.origin };
+    [&mut a, &mut b].into_iter().for_each(|scene| scene.move_origin(place));
     let cameras = args.views.cameras(&a, &args.reference)?;
     let seen = score_views(&a, &b, &cameras);
     let mut order: Vec<_> = seen.iter().collect();

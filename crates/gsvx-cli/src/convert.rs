@@ -99,7 +99,7 @@ pub(crate) fn run(args: &ConvertArgs, report: Reporter) -> Result<()> {
         glb::write(output, &stream)?
     } else {
         let (mut scene, file) = args.reading.any(&args.input)?;
-        notes = file.notes;
+        notes = file.sentences();
         if format.name == SPZ && args.reading.model.axes == Axes::Keep {
             // Writing turns it back.
             spz::turn(&mut scene);
@@ -123,5 +123,8 @@ fn write(args: &ConvertArgs, format: &Format, output: Output, scene: &Scene) -> 
         return format::write(format, output, scene);
     }
     let name = output.name();
-    output.write(|out| Ok(out.write_all(&spz::pack(&name, scene, args.spz_sh_bits)?)?))
+    let written =
+        output.write(|out| Ok(out.write_all(&spz::pack(&name, scene, args.spz_sh_bits)?)?))?;
+    format::say_lost_origin(&name, format, scene.origin);
+    Ok(written)
 }

@@ -29,6 +29,7 @@ pub(crate) fn model(loaded: &Loaded, path: &Path, report: Reporter) -> Result<()
         let [x, y, z] = low;
         let [u, v, w] = high;
         text += &format!("  from           ({x}, {y}, {z})\n  to             ({u}, {v}, {w})\n");
+        text += &origin(scene.origin);
         text += &spread.human();
     }
     let json = json!({
@@ -40,10 +41,17 @@ pub(crate) fn model(loaded: &Loaded, path: &Path, report: Reporter) -> Result<()
         "antialiased": scene.antialiased,
         "low": low,
         "high": high,
+        "origin": scene.origin,
         "spread": spread.map(|s| s.json()),
-        "notes": file.notes,
+        "notes": file.sentences(),
     });
     report.say(false, text.trim_end(), &json)
+}
+
+/// The line about where the origin of a model lies; nothing if it is 0.
+pub(crate) fn origin(origin: [f64; 3]) -> String {
+    let [x, y, z] = origin;
+    if origin == [0.0; 3] { String::new() } else { format!("  origin         ({x}, {y}, {z})\n") }
 }
 
 /// Tenth, fiftieth and ninetieth percentile of what a person asks about.

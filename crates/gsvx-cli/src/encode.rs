@@ -231,7 +231,7 @@ fn encode_file(args: &EncodeArgs, job: &Job, report: Reporter) -> Result<()> {
     json["bytes"] = json!(bytes);
     json["input_bytes"] = json!(input_bytes);
     json["input_gaussians"] = json!(input_gaussians);
-    json["notes"] = json!(file.notes);
+    json["notes"] = json!(file.sentences());
     json["read_seconds"] = json!(read_seconds);
     json["encode_seconds"] = json!(encode_seconds);
     report.wrote(&written, &human, json)?;

@@ -80,10 +80,22 @@ pub(crate) fn of_output(
     }
 }
 
+/// Says that a file does not tell where a model lies, if its format has no place for that.
+pub(crate) fn say_lost_origin(name: &str, format: &Format, origin: [f64; 3]) {
+    let [x, y, z] = origin;
+    if origin != [0.0; 3] && !format.name.ends_with("ply") {
+        note(format_args!(
+            "warning: {name}: positions are relative to the origin ({x}, {y}, {z}), which .{} does not hold; keep it",
+            format.extensions[0]
+        ));
+    }
+}
+
 /// Writes a model, and says what its format does not hold.
 pub(crate) fn write(format: &Format, output: Output, scene: &Scene) -> Result<Written> {
     let name = output.name();
     let written = output.write(|out| Ok(format.write_to(&name, out, scene)?))?;
+    say_lost_origin(&name, format, scene.origin);
     let (kept, all) = (format.max_sh_degree, scene.sh_degree);
     if kept < all {
         let (first, format) = (kept + 1, format.extensions[0]);

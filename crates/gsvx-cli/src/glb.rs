@@ -25,7 +25,7 @@ pub(crate) fn stream(
         }
         (Opened::Stream(bytes), None) => return whole(bytes, reading, &name),
     };
-    *notes = report.notes;
+    *notes = report.sentences();
     let mut encoder = Encoder::new(Aim::Quality(quality.unwrap_or(DEFAULT_QUALITY)));
     let made = encoder.encode(&scene).with_context(|| name.clone())?;
     made.warnings.iter().for_each(|warning| note(format_args!("warning: {name}: {warning}")));

@@ -57,6 +57,9 @@ fn stream(bytes: &[u8], path: &Path, args: &InfoArgs, report: Reporter) -> Resul
     line(format!("  octree depth   {}", h.j_high));
     let [x, y, z] = h.cube.origin.map(short);
     line(format!("  cube           side {} at ({x}, {y}, {z})", short(h.cube.side)));
+    if h.origin != [0.0; 3] {
+        line(describe::origin(h.origin).trim_end().into());
+    }
     line(format!("  chunks         {}", index.chunks.len()));
     for lod in (0..=index.coarsest_lod()).rev().filter(|_| index.coarsest_lod() > 0) {
         let chunks = index.chunks_of_lod(lod);
@@ -84,6 +87,7 @@ fn stream(bytes: &[u8], path: &Path, args: &InfoArgs, report: Reporter) -> Resul
         "sh_degree": h.sh_degree,
         "antialiased": h.antialiased,
         "octree_depth": h.j_high,
+        "origin": h.origin,
         "cube": { "origin": h.cube.origin, "side": h.cube.side },
         "lods": 1 + index.coarsest_lod(),
         "chunks": index.chunks.iter().map(chunk_json).collect::<Vec<_>>(),

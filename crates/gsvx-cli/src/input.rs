@@ -179,6 +179,9 @@ pub(crate) fn lenient(path: &Path) -> Result<Opened> {
 
 /// Says what a file held that its model has not, and what was read as something else.
 pub(crate) fn say_notes(path: &Path, report: &Report) {
+    for said in &report.warnings {
+        note(format_args!("warning: {}: {said}", name(path)));
+    }
     for said in &report.notes {
         note(format_args!("note: {}: {said}", name(path)));
     }

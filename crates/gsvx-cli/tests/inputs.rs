@@ -347,3 +347,32 @@ fn files_of_other_tools_had_to_be_converted_first() {
     one_line(&run(&["info", "@"], &[&glb]), "a.glb: glTF, the file: it promises more");
     wrong_usage(&run(&["convert", "@", "@"], &[&at("a.ply"), &at("a.sog")]), "not written");
 }
+
+#[test]
+fn the_origin_of_a_model_is_kept_where_a_file_has_a_place_for_it() {
+    let dir = tempfile::tempdir().unwrap();
+    let place = |name: &str| dir.path().join(name);
+    let (model, stream, back, spz) =
+        (place("utm.ply"), place("utm.gsvx"), place("back.ply"), place("utm.spz"));
+    let origin = [389_477.25, 5_435_291.5, 120.0];
+    let scene = gs_model::Scene { origin, ..scene() };
+    gs_model::ply::write(&model, &scene).unwrap();
+    ok(&["encode", "@", "--lossless", "-o", "@"], &[&model, &stream]);
+    ok(&["decode", "@", "-o", "@"], &[&stream, &back]);
+    for file in [&model, &stream, &back] {
+        assert_eq!(json(&["info", "@"], &[file])["origin"], serde_json::json!(origin));
+        assert!(ok(&["info", "@"], &[file]).contains("origin         (389477.25, 5435291.5, 120)"));
+    }
+    let (_, heard) = common::report(&["convert", "@", "@"], &[&stream, &spz]);
+    assert!(
+        heard.contains("origin (389477.25, 5435291.5, 120), which .spz does not hold"),
+        "{heard}"
+    );
+    // The same Gaussians about another origin are the same model.
+    let moved = place("moved.ply");
+    let mut scene = scene;
+    scene.move_origin([389_470.0, 5_435_290.0, 120.0]);
+    gs_model::ply::write(&moved, &scene).unwrap();
+    let same = json(&["compare", "@", "@", "--orbit", "2"], &[&model, &moved]);
+    assert!(same["psnr"].is_null() || same["psnr"].as_f64().unwrap() > 60.0, "{same}");
+}

@@ -39,7 +39,7 @@ fn read(path: &Path, options: &ReadOptions) -> Result<(Scene, Vec<String>)> {
         return Ok((scene, Vec::new()));
     }
     let (scene, report) = gs_model::model::read(path, options)?;
-    Ok((scene, report.notes.iter().map(|note| format!("{name}: {note}")).collect()))
+    Ok((scene, report.sentences().iter().map(|note| format!("{name}: {note}")).collect()))
 }
 
 fn starts_like_stream(path: &Path) -> io::Result<bool> {

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use super::columns::Columns;
 use super::header::{PlyElement, PlyHeader, Scalar};
+use super::origin;
 use crate::error::{Error, Result, excerpt};
 use crate::rows;
 use crate::scene::Scene;
@@ -37,7 +38,7 @@ impl<'a> Lines<'a> {
     }
 
     /// Reads the Gaussians of `vertex`.
-    pub(super) fn vertices(&mut self, vertex: &PlyElement, columns: &Columns) -> Result<Scene> {
+    pub(super) fn vertices(&mut self, vertex: &PlyElement, columns: &mut Columns) -> Result<Scene> {
         self.check_fits(vertex)?;
         let n = vertex.count as usize;
         let mut lines = Vec::with_capacity(n);
@@ -45,13 +46,19 @@ impl<'a> Lines<'a> {
             lines.push(self.next_row().ok_or_else(|| self.truncated(vertex, row))?);
         }
         let file = self.file;
+        let mut sample = vec![Vec::new(); n.min(origin::SAMPLE)];
+        for (numbers, &(line, text)) in sample.iter_mut().zip(&lines) {
+            parse_row(file, line, text, vertex, numbers)?;
+        }
+        columns.choose_origin(vertex, sample.len(), |row, p| sample[row][p]);
+        let columns = &*columns;
         rows::scene(n, columns.sh_degree, |mut rows| {
             let mut numbers = Vec::with_capacity(vertex.properties.len());
             for i in 0..rows.len() {
                 let (line, text) = lines[rows.first + i];
                 parse_row(file, line, text, vertex, &mut numbers)?;
                 rows.set(i, |c| columns.number(c, |p| numbers[p]));
-                columns.look(1, |_, p| f64::from(numbers[p]));
+                columns.look(1, |_, p| numbers[p]);
             }
             Ok(())
         })
@@ -95,7 +102,7 @@ fn parse_row(
     line: usize,
     text: &[u8],
     element: &PlyElement,
-    out: &mut Vec<f32>,
+    out: &mut Vec<f64>,
 ) -> Result<()> {
     out.clear();
     let words = || text.split(u8::is_ascii_whitespace).filter(|w| !w.is_empty());
@@ -125,12 +132,12 @@ fn parse_row(
     if rest.next().is_some() { Err(short()) } else { Ok(()) }
 }
 
-/// A number as the property's type rounds it. Fractions in integer columns are accepted: some
+/// A number, of a float as the type rounds it. Fractions in integer columns are accepted: some
 /// writers put them there, and their meaning is clear.
-fn number(word: &[u8], scalar: Scalar) -> Option<f32> {
+fn number(word: &[u8], scalar: Scalar) -> Option<f64> {
     let word = std::str::from_utf8(word).ok()?;
     match scalar {
-        Scalar::F32 => word.parse().ok(),
-        _ => word.parse::<f64>().ok().map(|v| v as f32),
+        Scalar::F32 => word.parse::<f32>().ok().map(f64::from),
+        _ => word.parse().ok(),
     }
 }

@@ -39,7 +39,7 @@ impl BinaryBody<'_> {
     pub(super) fn vertices(
         &self,
         vertex: &PlyElement,
-        columns: &Columns,
+        columns: &mut Columns,
         at: usize,
     ) -> Result<(Scene, usize)> {
         self.check_fits(vertex, at)?;
@@ -47,6 +47,8 @@ impl BinaryBody<'_> {
         let layout = RowLayout::of(vertex, columns, self.big_endian);
         let stride = layout.stride;
         let body = &self.bytes[at..at + n * stride];
+        layout.choose_origin(vertex, columns, body);
+        let columns = &*columns;
         let scene = rows::scene(n, columns.sh_degree, |rows| {
             let part = &body[rows.first * stride..(rows.first + rows.len()) * stride];
             layout.fill(rows, part, columns);
@@ -119,6 +121,15 @@ impl RowLayout {
         }
     }
 
+    /// Chooses the origin by the first of these rows.
+    pub(super) fn choose_origin(&self, vertex: &PlyElement, columns: &mut Columns, rows: &[u8]) {
+        // Rows without a byte there are none of: a Gaussian has numbers.
+        columns.choose_origin(vertex, rows.len() / self.stride, |row, p| {
+            let (offset, scalar) = self.properties[p];
+            number(&rows[row * self.stride..], offset, scalar, self.big_endian)
+        });
+    }
+
     /// Fills `rows` from the bytes that hold them, and notes in `columns` what a scene does not keep.
     pub(super) fn fill(&self, rows: SceneRows, part: &[u8], columns: &Columns) {
         let (stride, at) = (self.stride, &self.numbers);
@@ -135,9 +146,7 @@ impl RowLayout {
                 fill(rows, part, stride, |row, c| f32::from_be_bytes(bytes::array(row, at[c])));
             }
             (false, _) => {
-                fill(rows, part, stride, |row, c| {
-                    columns.number(c, |p| of_property(row, p) as f32)
-                });
+                fill(rows, part, stride, |row, c| columns.number(c, |p| of_property(row, p)));
             }
         }
     }

@@ -4,7 +4,8 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use super::header::{PlyElement, Property, Scalar};
+use super::header::{PlyElement, PlyHeader, Property, Scalar};
+use super::origin;
 use super::variants::Variants;
 use crate::error::{Error, Result, list};
 use crate::foreign;
@@ -53,6 +54,8 @@ pub(super) struct Columns {
     /// [`Variants`], some are stand-ins.
     pub(super) properties: Vec<usize>,
     pub(super) variants: Variants,
+    /// What is subtracted from the positions.
+    pub(super) origin: [f64; 3],
     /// What a scene may not keep.
     lost: Vec<Lost>,
 }
@@ -139,21 +142,53 @@ impl Columns {
             };
             lost.push(Lost { property, name: name.clone(), kind, found: AtomicBool::new(false) });
         }
-        Ok(Self { sh_degree, properties, variants, lost })
+        Ok(Self { sh_degree, properties, variants, origin: [0.0; 3], lost })
+    }
+
+    /// Chooses the origin by the first rows, at most [`origin::SAMPLE`]. `number(row, property)` is a number of the
+    /// file.
+    pub(super) fn choose_origin(
+        &mut self,
+        vertex: &PlyElement,
+        rows: usize,
+        number: impl Fn(usize, usize) -> f64,
+    ) {
+        let is_double = |&p: &usize| vertex.properties[p].scalar == Scalar::F64;
+        if !self.properties[..3].iter().any(is_double) {
+            return;
+        }
+        let row = |row: usize| {
+            let of = |c: usize| number(row, self.properties[c]);
+            ([0, 1, 2].map(of), [7, 8, 9].map(of).into_iter().fold(f64::NEG_INFINITY, f64::max))
+        };
+        self.origin = origin::choose(&(0..rows.min(origin::SAMPLE)).map(row).collect::<Vec<_>>());
+    }
+
+    /// Where the origin of the scene's means lies.
+    pub(super) fn scene_origin(&self, header: &PlyHeader) -> [f64; 3] {
+        let named = origin::of_file(header);
+        std::array::from_fn(|k| named[k] + self.origin[k])
     }
 
     /// Number `c` in scene order of a row; `property` gives the numbers of its properties.
     #[inline]
-    pub(super) fn number(&self, c: usize, property: impl Fn(usize) -> f32) -> f32 {
-        if self.variants.any() {
-            self.variants.number(c, |c| property(self.properties[c]), &property)
-        } else {
-            property(self.properties[c])
+    pub(super) fn number(&self, c: usize, property: impl Fn(usize) -> f64) -> f32 {
+        let raw = |c: usize| property(self.properties[c]);
+        match c {
+            0..3 => (raw(c) - self.origin[c]) as f32,
+            _ if self.variants.any() => {
+                self.variants.number(c, |c| raw(c) as f32, |p| property(p) as f32)
+            }
+            _ => raw(c) as f32,
         }
     }
 
     /// Looks at `rows` rows for what a scene does not keep. `number(row, property)` is a number of the file.
     pub(super) fn look(&self, rows: usize, number: impl Fn(usize, usize) -> f64) {
+        let number = |row: usize, property: usize| {
+            let axis = self.properties[..3].iter().position(|&p| p == property);
+            number(row, property) - axis.map_or(0.0, |k| self.origin[k])
+        };
         for lost in self.lost.iter().filter(|lost| !lost.found.load(Ordering::Relaxed)) {
             if (0..rows).any(|row| lost.is_in(number(row, lost.property))) {
                 lost.found.store(true, Ordering::Relaxed);

@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
+use super::origin;
 use crate::error::{Error, Result, excerpt, list};
 
 /// A header longer than this is refused.
@@ -148,7 +149,12 @@ impl PlyHeader {
         let others =
             self.elements.iter().filter(|e| e.count > 0 && !read.contains(&e.name.as_str()));
         let others = list(others.map(|e| format!("{} ({} rows)", e.name, e.count)));
-        let comments = self.comments.iter().filter(|c| !names_maker(c) && antialiased(c).is_none());
+        let used = |comment: &str| {
+            names_maker(comment)
+                || antialiased(comment).is_some()
+                || origin::of_comment(comment).is_some()
+        };
+        let comments = self.comments.iter().filter(|comment| !used(comment));
         let comments = list(comments.cloned());
         let trailing = (trailing_bytes > 0)
             .then(|| format!("{trailing_bytes} bytes after the last row are not read"));

@@ -16,6 +16,7 @@ mod columns;
 #[cfg(feature = "formats")]
 pub(crate) mod compressed;
 mod header;
+mod origin;
 mod stream;
 mod variants;
 mod write;
@@ -97,7 +98,7 @@ fn read_file(file: &Path, bytes: &[u8]) -> Result<(Scene, Report)> {
         ));
     }
     let (before, after) = (&header.elements[..vertex_at], &header.elements[vertex_at + 1..]);
-    let columns = Columns::of(file, vertex).map_err(|error| {
+    let mut columns = Columns::of(file, vertex).map_err(|error| {
         let faces = header.elements.iter().find(|e| e.name == "face" && e.count > 0);
         faces.map_or(error, |faces| {
             foreign::is(
@@ -110,7 +111,7 @@ fn read_file(file: &Path, bytes: &[u8]) -> Result<(Scene, Report)> {
         Encoding::Ascii => {
             let mut lines = ascii::Lines::new(file, bytes, &header);
             before.iter().try_for_each(|e| lines.skip(e))?;
-            let scene = lines.vertices(vertex, &columns)?;
+            let scene = lines.vertices(vertex, &mut columns)?;
             after.iter().try_for_each(|e| lines.skip(e))?;
             (scene, lines.trailing())
         }
@@ -118,12 +119,16 @@ fn read_file(file: &Path, bytes: &[u8]) -> Result<(Scene, Report)> {
             let big_endian = encoding == Encoding::BinaryBigEndian;
             let body = binary::BinaryBody { file, bytes, big_endian };
             let at = before.iter().try_fold(header.len, |at, e| body.skip(e, at))?;
-            let (scene, at) = body.vertices(vertex, &columns, at)?;
+            let (scene, at) = body.vertices(vertex, &mut columns, at)?;
             let end = after.iter().try_fold(at, |at, e| body.skip(e, at))?;
             (scene, bytes.len() - end)
         }
     };
-    let scene = Scene { antialiased: antialiased(&header, &columns), ..scene };
+    let scene = Scene {
+        antialiased: antialiased(&header, &columns),
+        origin: columns.scene_origin(&header),
+        ..scene
+    };
     Ok((scene, report_of(&header, &columns, trailing_bytes)))
 }
 
@@ -137,6 +142,7 @@ fn report_of(header: &PlyHeader, columns: &Columns, trailing_bytes: usize) -> Re
     let mut report = Report::of(FORMAT.name, header.encoding.form());
     report.notes = columns.variants.notes();
     report.notes.extend(columns.notes());
+    report.notes.extend((columns.origin != [0.0; 3]).then(|| origin::note(columns.origin)));
     report.notes.extend(header.notes(&["vertex"], trailing_bytes));
     report
 }

@@ -129,7 +129,7 @@ impl Body {
         if header.encoding == Encoding::Ascii || vertex.name != "vertex" {
             return Ok(None);
         }
-        let columns = Columns::of(path, vertex)?;
+        let mut columns = Columns::of(path, vertex)?;
         let layout = RowLayout::of(vertex, &columns, header.encoding == Encoding::BinaryBigEndian);
         let rows = usize::try_from(vertex.count).ok();
         let body = rows.and_then(|rows| rows.checked_mul(layout.stride));
@@ -139,6 +139,8 @@ impl Body {
         }
         part.drain(..header.len);
         part.truncate(body);
+        let whole = part.len() - part.len() % layout.stride;
+        layout.choose_origin(vertex, &mut columns, &part[..whole]);
         let (unread, trailing_bytes) = (body - part.len(), len - header.len - body);
         let (path, first, next) = (path.to_path_buf(), 0, Vec::new());
         Ok(Some(Self {
@@ -159,7 +161,8 @@ impl Body {
     /// So many Gaussians, to be filled in.
     fn zeros(&self, n: usize) -> Scene {
         let antialiased = antialiased(&self.header, &self.columns);
-        Scene { antialiased, ..Scene::zeros(n, self.columns.sh_degree) }
+        let origin = self.columns.scene_origin(&self.header);
+        Scene { antialiased, origin, ..Scene::zeros(n, self.columns.sh_degree) }
     }
 
     /// The Gaussians that have been read; `None` at the end.

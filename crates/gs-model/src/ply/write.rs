@@ -5,7 +5,7 @@ use std::path::Path;
 
 use rayon::prelude::*;
 
-use super::columns;
+use super::{columns, origin};
 use crate::error::{Error, Result};
 use crate::rows::SH;
 use crate::scene::{Scene, sh_len};
@@ -18,7 +18,8 @@ const ROWS_PER_WRITE: usize = 64 * ROWS_PER_TASK;
 /// f_dc f_rest opacity scale rot`, normals zero, `f_rest` channel-major.
 ///
 /// The file appears whole or not at all: a temporary file beside it is written and renamed.
-/// Every number is stored bit for bit, so reading the file gives the same scene again.
+/// Every number is stored bit for bit, so reading the file gives the same scene again. [`Scene::origin`] is a comment,
+/// `origin X Y Z`.
 ///
 /// # Errors
 /// [`Error::SceneShape`] or [`Error::SceneDegree`] if the arrays do not fit together,
@@ -56,9 +57,10 @@ pub(super) fn element(
 
 /// The header of a scene in these elements.
 pub(super) fn header_of(elements: &[String], scene: &Scene) -> Vec<u8> {
-    let comment = if scene.antialiased { "comment SplatRenderMode: mip\n" } else { "" };
+    let mode = if scene.antialiased { "comment SplatRenderMode: mip\n" } else { "" };
+    let comments = mode.to_owned() + &origin::comment(scene.origin);
     let elements = elements.concat();
-    format!("ply\nformat binary_little_endian 1.0\n{comment}{elements}end_header\n").into_bytes()
+    format!("ply\nformat binary_little_endian 1.0\n{comments}{elements}end_header\n").into_bytes()
 }
 
 /// Replaces the contents of `out` by the rows of a scene's Gaussians as [`write()`] makes them. Runs

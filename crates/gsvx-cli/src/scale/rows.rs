@@ -113,6 +113,6 @@ impl TileRows {
         At(&self.file, start * row as u64)
             .read_exact(&mut bytes[header..])
             .context("the scratch files cannot be read")?;
-        Ok(Scene { origin: self.empty.origin, ..ply::read_bytes(&bytes)?.0 })
+        Ok(ply::read_bytes(&bytes)?.0)
     }
 }

@@ -8,6 +8,7 @@
 //! and 1. Axes are those of other PLY files.
 
 mod layout;
+mod order;
 mod table;
 mod write;
 
@@ -15,6 +16,7 @@ use std::path::Path;
 
 use super::columns::{rest_count, rest_degree, rest_names};
 use super::header::{Encoding, PlyHeader, Scalar};
+use super::origin;
 use crate::error::{Error, Result};
 use crate::format::Format;
 use crate::report::{DEGREE_4, Report};
@@ -52,7 +54,11 @@ pub(super) fn read(file: &Path, bytes: &[u8], header: &PlyHeader) -> Result<(Sce
     }
     let (n, sh_degree, decoder) = decoder(file, bytes, header)?;
     let antialiased = header.antialiased().unwrap_or(false);
-    let scene = Scene { antialiased, ..decoder.scene(n, sh_degree.min(3)) };
+    let scene = Scene {
+        antialiased,
+        origin: origin::of_file(header),
+        ..decoder.scene(n, sh_degree.min(3))
+    };
     let mut report = Report::of(FORMAT.name, "PlayCanvas compressed.ply");
     report.notes = header.notes(&["vertex", "chunk", "sh"], 0);
     if sh_degree > 3 {

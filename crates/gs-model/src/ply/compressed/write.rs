@@ -6,9 +6,9 @@ use std::path::Path;
 use rayon::prelude::*;
 
 use super::layout::{pack, pack_rotation, sh_byte, step};
+use super::order::order;
 use super::{BOUNDS, CHUNK, WORDS};
 use crate::error::{Error, Result};
-use crate::order::morton_order;
 use crate::ply::columns::rest_names;
 use crate::ply::write::{element, header_of};
 use crate::scene::{SH_C0, Scene, bounds_of};
@@ -20,10 +20,9 @@ const MAX_LOG_SCALE: f32 = 20.0;
 ///
 /// The format is lossy: means and log-scales in 1,024 or 2,048 steps between the least and the greatest
 /// of their chunk of 256 Gaussians, colours in 256 steps likewise, opacities as bytes, rotations to
-/// about 0.1 degrees, SH coefficients in steps of 1/32 within -4..4. Gaussians are sorted along a
-/// Morton curve, so that those of a chunk are near each other.
+/// about 0.1 degrees, SH coefficients in steps of 1/32 within -4..4. The order is that of [`order`].
 pub(super) fn write(file: &Path, out: &mut dyn Write, scene: &Scene) -> Result<()> {
-    let order = morton_order(&scene.means);
+    let order = order(scene);
     let chunks: Vec<Chunk> = order.par_chunks(CHUNK).map(|part| Chunk::of(scene, part)).collect();
     let mut put = |bytes: &[u8]| out.write_all(bytes).map_err(|e| Error::io(file, "write", e));
     put(&header(scene))?;
