@@ -139,7 +139,8 @@ fn a_glb_whose_stream_is_damaged_says_so() {
     says(&changed(length, 2000.into()), data, "primitive 0: stream truncated");
     says(&changed(length, 5.into()), data, "primitive 0: stream truncated in head");
     says(&changed("/bufferViews/0/byteOffset", 4.into()), data, "more than the file holds");
-    says(&changed("/buffers/0", serde_json::json!({ "uri": "a.bin" })), data, "another file");
+    let elsewhere = serde_json::json!({ "uri": "a.bin", "byteLength": 9 });
+    says(&changed("/buffers/0", elsewhere), data, "a.bin");
     says(&changed("/accessors/1/count", 3.into()), data, "different lengths");
     let mut fewer = good.clone();
     for accessor in fewer["accessors"].as_array_mut().unwrap() {
