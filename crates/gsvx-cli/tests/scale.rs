@@ -195,7 +195,9 @@ fn inputs_that_are_broken_or_change_are_named() {
     one_line(&part(), "b.ply: has changed since the plan was made");
     moved.means[5][0] = f32::NAN;
     ply::write(at("b.ply"), &moved).unwrap();
-    one_line(&of(&["plan"], &inputs, &at("plan2")).output().unwrap(), "b.ply");
+    let refused = of(&["plan"], &inputs, &at("plan2")).output().unwrap();
+    let said = String::from_utf8_lossy(&refused.stderr);
+    assert!(!refused.status.success() && said.contains("b.ply: Gaussian 5: mean is NaN"), "{said}");
     assert!(!at("plan2").exists());
     // Invalid Gaussians can be left out, in every way alike.
     run(of(&["plan"], &inputs, &at("plan3")).arg("--drop-invalid"));
