@@ -3,7 +3,7 @@
 use gs_model::{Camera, Scene};
 
 /// Most cameras that importances are measured from. With more, as many evenly chosen ones stand for all.
-pub(crate) const MOST: usize = 256;
+pub const MOST: usize = 256;
 
 /// A Gaussian ends where its opacity is below 1/255: at most so many standard deviations from its mean.
 const REACH: f64 = 3.34;

@@ -15,6 +15,9 @@ pub const MAX_IMAGE_EDGE: u32 = 65_535;
 /// `width * height * 3`, in a C++ `int` (`Bitmap` in `src/colmap/sensor/bitmap.cc`).
 pub const MAX_IMAGE_PIXELS: u64 = i32::MAX as u64 / 3;
 
+/// How far the product of a rotation and its transpose may be from the identity.
+const ORTHONORMAL: f64 = 1e-3;
+
 /// A pinhole camera. Camera axes are x right, y down, z forward (COLMAP and Inria).
 ///
 /// A world point `p` has camera coordinates `rotation * p + translation`; a camera point
@@ -101,6 +104,14 @@ impl Camera {
         }
     }
 
+    /// What this camera sees of a model that is turned by 180 degrees about x is what the result sees of the model as it
+    /// is: y and z change their signs between tools.
+    #[must_use]
+    pub fn of_turned_model(&self) -> Self {
+        let turn = DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0));
+        Self { rotation: self.rotation * turn, ..self.clone() }
+    }
+
     /// True if the image is within [`MAX_IMAGE_EDGE`] and [`MAX_IMAGE_PIXELS`]. Every camera that
     /// this crate reads is.
     #[must_use]
@@ -124,11 +135,13 @@ impl Camera {
             "focal length or principal point is not finite"
         } else if self.fx <= 0.0 || self.fy <= 0.0 {
             "focal length is not positive"
+        } else if !self.lens.iter().flat_map(|l| &l.coefficients).all(|v| v.is_finite()) {
+            "a lens coefficient is not finite"
         } else if !(self.near.is_finite() && self.near >= 0.0) {
             "near plane is not a number of at least 0"
         } else if !(self.rotation.is_finite() && self.translation.is_finite()) {
             "pose is not finite"
-        } else if deviation.to_cols_array().iter().any(|d| d.abs() > 1e-3)
+        } else if deviation.to_cols_array().iter().any(|d| d.abs() > ORTHONORMAL)
             || self.rotation.determinant() < 0.0
         {
             "pose is not a rotation"
@@ -210,6 +223,55 @@ pub(crate) fn checked_size(file: &Path, view: &str, width: u64, height: u64) -> 
             );
             Err(bad(file, view, reason))
         }
+    }
+}
+
+/// Rotations that files with few digits hold are off by less than this.
+const ROUNDED: f64 = 0.02;
+
+/// The rotation in a matrix that may scale too, and its scale. A matrix that is a rotation stays as it is.
+///
+/// # Errors
+/// Why it is no pose.
+pub(crate) fn rotation_in(matrix: DMat3) -> Result<(DMat3, f64), String> {
+    let lengths = [matrix.x_axis, matrix.y_axis, matrix.z_axis].map(DVec3::length);
+    let [least, most] = [f64::min, f64::max].map(|of| lengths.into_iter().fold(lengths[0], of));
+    if !(matrix.is_finite() && least > 0.0 && most <= (1.0 + ROUNDED) * least) {
+        let [x, y, z] = lengths;
+        return Err(format!("pose is not a rotation: its axes are {x:.3}, {y:.3} and {z:.3} long"));
+    }
+    if matrix.determinant() < 0.0 {
+        return Err("pose is not a rotation: it is mirrored".into());
+    }
+    let off = |m: DMat3| {
+        let deviation = m * m.transpose() - DMat3::IDENTITY;
+        deviation.to_cols_array().into_iter().fold(0.0, |most: f64, d| most.max(d.abs()))
+    };
+    if off(matrix) <= ORTHONORMAL {
+        return Ok((matrix, 1.0));
+    }
+    let scale = lengths.iter().sum::<f64>() / 3.0;
+    let scale = if (scale - 1.0).abs() <= ROUNDED { 1.0 } else { scale };
+    let mut rotation = matrix * (1.0 / scale);
+    let rounded = off(rotation);
+    if rounded > 2.0 * ROUNDED {
+        return Err("pose is not a rotation: its axes are not perpendicular".into());
+    }
+    if rounded > ORTHONORMAL {
+        let x = rotation.x_axis.normalize();
+        let y = (rotation.y_axis - x * x.dot(rotation.y_axis)).normalize();
+        rotation = DMat3::from_cols(x, y, x.cross(y));
+    }
+    Ok((rotation, scale))
+}
+
+/// Says once what scale poses had.
+pub(crate) fn note_scale(notes: &mut Vec<String>, file: &Path, scale: f64) {
+    if scale != 1.0 && notes.is_empty() {
+        notes.push(format!(
+            "{}: the poses have a scale of {scale:.4}, which is divided out",
+            file.display()
+        ));
     }
 }
 

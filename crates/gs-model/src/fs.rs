@@ -12,6 +12,21 @@ pub(crate) fn read(path: &Path) -> Result<Vec<u8>> {
     fs::read(path).map_err(|e| Error::io(path, "read", e))
 }
 
+/// A text file in UTF-8 without a byte order mark. Windows tools write one, or UTF-16.
+#[cfg(feature = "cameras")]
+pub(crate) fn text(bytes: &[u8]) -> std::borrow::Cow<'_, [u8]> {
+    let units = |of: fn([u8; 2]) -> u16, bytes: &[u8]| {
+        let units: Vec<u16> = bytes.chunks_exact(2).map(|b| of([b[0], b[1]])).collect();
+        String::from_utf16_lossy(&units).into_bytes().into()
+    };
+    match bytes {
+        [0xef, 0xbb, 0xbf, rest @ ..] => rest.into(),
+        [0xff, 0xfe, rest @ ..] => units(u16::from_le_bytes, rest),
+        [0xfe, 0xff, rest @ ..] => units(u16::from_be_bytes, rest),
+        _ => bytes.into(),
+    }
+}
+
 /// The names in a folder, sorted; none if the folder does not exist.
 #[cfg(feature = "cameras")]
 pub(crate) fn names(dir: &Path) -> Result<Vec<OsString>> {

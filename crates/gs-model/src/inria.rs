@@ -8,65 +8,87 @@
 use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DVec3};
-use serde::Deserialize;
+use serde_json::Value;
 
-use crate::camera::{Camera, NEAR, View, checked_size};
+use crate::camera::{self, Camera, NEAR, View, checked_size, note_scale};
+use crate::camera_json::{self, number, numbers, text};
 use crate::error::{Error, Result};
-use crate::fs;
 use crate::photos::Finder;
-
-#[derive(Deserialize)]
-struct Entry {
-    img_name: String,
-    width: u64,
-    height: u64,
-    /// Camera centre, world units.
-    position: [f64; 3],
-    /// Camera to world, row by row.
-    rotation: [[f64; 3]; 3],
-    fx: f64,
-    fy: f64,
-}
 
 /// Reads a `cameras.json` from its bytes, in file order; `file` is its name in errors.
 ///
 /// # Errors
-/// [`Error::Json`], [`Error::BadCamera`].
+/// [`Error::Malformed`], [`Error::BadCamera`].
 pub fn cameras_from_bytes(file: impl AsRef<Path>, bytes: &[u8]) -> Result<Vec<Camera>> {
     let file = file.as_ref();
-    let entries: Vec<Entry> =
-        serde_json::from_slice(bytes).map_err(|e| Error::json(file, "a camera file", e))?;
-    entries.into_iter().map(|entry| camera(file, entry)).collect()
+    let Value::Array(entries) = camera_json::parse(file, bytes)? else {
+        return Err(Error::malformed(file, "the file", "a list of cameras expected"));
+    };
+    cameras(file, &entries, &mut Vec::new())
 }
 
-fn camera(file: &Path, entry: Entry) -> Result<Camera> {
-    let (width, height) = checked_size(file, &entry.img_name, entry.width, entry.height)?;
-    // The rows become columns: the transpose, which is world to camera.
-    let rotation = DMat3::from_cols_array_2d(&entry.rotation);
+fn cameras(file: &Path, entries: &[Value], notes: &mut Vec<String>) -> Result<Vec<Camera>> {
+    let numbered = entries.iter().enumerate();
+    numbered.map(|(i, entry)| camera(file, i, entry, notes)).collect()
+}
+
+fn camera(file: &Path, index: usize, entry: &Value, notes: &mut Vec<String>) -> Result<Camera> {
+    let missing = |what: &str| {
+        let place = format!("camera {index}");
+        Error::malformed(
+            file,
+            &place,
+            format!("{what}; Inria's trainer writes such a list of cameras"),
+        )
+    };
+    let name = entry.get("img_name").and_then(text).ok_or_else(|| missing("it has no img_name"))?;
+    let bad = |reason: String| camera::bad(file, &name, reason);
+    let get = |key: &str| entry.get(key).and_then(number);
+    let needed = |key: &str| get(key).ok_or_else(|| bad(format!("{key} is missing, or no number")));
+    let many = |key: &str, n: usize| {
+        let found = entry.get(key).and_then(|value| numbers(value, n)).filter(|v| v.len() == n);
+        found.ok_or_else(|| bad(format!("{key} is missing, or not {n} numbers")))
+    };
+    let size = [needed("width")?, needed("height")?];
+    if size.iter().any(|v| v.fract() != 0.0 || *v < 0.0) {
+        return Err(bad("width or height is not a whole number of pixels".into()));
+    }
+    // The casts saturate.
+    let (width, height) = checked_size(file, &name, size[0] as u64, size[1] as u64)?;
+    let position = many("position", 3)?;
+    let rows = many("rotation", 9)?;
+    // Camera to world, row by row. The rows become columns: the transpose, which is world to camera.
+    let matrix = DMat3::from_cols(
+        DVec3::from_slice(&rows),
+        DVec3::from_slice(&rows[3..]),
+        DVec3::from_slice(&rows[6..]),
+    );
+    let (rotation, scale) = camera::rotation_in(matrix).map_err(bad)?;
+    note_scale(notes, file, scale);
     Camera {
-        name: entry.img_name,
         width,
         height,
-        fx: entry.fx,
-        fy: entry.fy,
+        fx: needed("fx")?,
+        fy: needed("fy")?,
         cx: f64::from(width) / 2.0,
         cy: f64::from(height) / 2.0,
         rotation,
-        translation: -(rotation * DVec3::from_array(entry.position)),
+        translation: -(rotation * DVec3::from_slice(&position)),
         lens: None,
         near: NEAR,
+        name,
     }
     .checked(file)
 }
 
-/// Reads the views of an output folder, in the order of its `cameras.json`.
+/// The views of the entries of a `cameras.json`, in file order.
 ///
 /// Photos are searched in the images folder of the data set that the trainer was given
-/// (`source_path` and `images` in `cfg_args`, if that folder still exists) and in `images/` in
-/// the output folder. A photo that is in neither place is expected in `images/`.
-pub(crate) fn views(dir: &Path) -> Result<Vec<View>> {
-    let file = dir.join("cameras.json");
-    let cameras = cameras_from_bytes(&file, &fs::read(&file)?)?;
+/// (`source_path` and `images` in `cfg_args`, if that folder still exists) and in `images/` beside the file. A photo that
+/// is in neither place is expected in `images/`.
+pub(crate) fn views(file: &Path, entries: &[Value], notes: &mut Vec<String>) -> Result<Vec<View>> {
+    let dir = file.parent().unwrap_or(Path::new(""));
+    let cameras = cameras(file, entries, notes)?;
     let folders: Vec<PathBuf> =
         source_images(dir).into_iter().chain([dir.join("images")]).collect();
     let mut finder = Finder::default();

@@ -53,6 +53,10 @@ mod axes;
 mod bytes;
 #[cfg(feature = "cameras")]
 pub mod camera;
+#[cfg(feature = "cameras")]
+mod camera_json;
+#[cfg(feature = "cameras")]
+mod camera_places;
 mod chain;
 mod codec;
 #[cfg(feature = "cameras")]
@@ -94,6 +98,8 @@ mod nerfstudio;
 mod order;
 #[cfg(feature = "cameras")]
 mod photos;
+#[cfg(feature = "cameras")]
+mod pinholes;
 #[cfg(feature = "files")]
 pub mod ply;
 #[cfg(feature = "files")]
@@ -116,7 +122,7 @@ pub use camera::{Camera, NEAR, View};
 pub use chain::{chain, printable};
 pub use codec::Codec;
 #[cfg(feature = "cameras")]
-pub use dataset::Dataset;
+pub use dataset::{CameraSet, Dataset};
 #[cfg(feature = "files")]
 pub use doubts::Doubts;
 #[cfg(feature = "files")]
@@ -128,7 +134,9 @@ pub use limits::{CLAMPED_OPACITY_LOGIT, Limits};
 #[cfg(feature = "files")]
 pub use order::morton_order;
 #[cfg(feature = "cameras")]
-pub use photos::photos_beside;
+pub use photos::{photos_beside, unread_photos_beside};
+#[cfg(feature = "cameras")]
+pub use pinholes::{pinholes, refuse_wide, too_wide};
 #[cfg(feature = "files")]
 pub use report::{FileAxes, Invalid, ReadOptions, Report};
 pub use scene::{LEAST_DRAWN_LOGIT, SH_C0, Scene, sh_len};

@@ -1,25 +1,18 @@
 //! The world of nerfstudio's models. Its trainer turns, shifts and scales the cameras of a `transforms.json` and saves
 //! that transform in `dataparser_transforms.json`. Exported models are not moved back.
 
-use std::collections::BTreeMap;
 use std::path::Path;
 
 use glam::{DMat3, DVec3};
-use serde::Deserialize;
-use serde_json::Value;
+use serde_json::{Map, Value};
 
 use crate::camera::Camera;
+use crate::camera_json::{self, number, numbers};
 use crate::error::{Error, Result};
 use crate::fs;
 
 /// The file, beside the `transforms.json`.
 const FILE: &str = "dataparser_transforms.json";
-
-#[derive(Deserialize)]
-struct Saved {
-    transform: Vec<[f64; 4]>,
-    scale: f64,
-}
 
 /// A point `p` of the `transforms.json` becomes `scale * (rotation * p + shift)`.
 pub(crate) struct Placed {
@@ -33,24 +26,22 @@ impl Placed {
     ///
     /// Its cameras may have been transformed before, by `applied_transform` and `applied_scale`. The saved transform
     /// includes that one, so it is taken out.
-    pub(crate) fn beside(transforms: &Path, all: &BTreeMap<String, Value>) -> Result<Option<Self>> {
+    pub(crate) fn beside(transforms: &Path, all: &Map<String, Value>) -> Result<Option<Self>> {
         let file = transforms.with_file_name(FILE);
         if !file.is_file() {
             return Ok(None);
         }
-        let saved: Saved = serde_json::from_slice(&fs::read(&file)?)
-            .map_err(|e| Error::json(&file, "nerfstudio's transform", e))?;
+        let saved = camera_json::parse(&file, &fs::read(&file)?)?;
+        let rows = |value: Option<&Value>| numbers(value?, 16).filter(|n| n.len() >= 12);
         let applied = match all.get("applied_transform") {
             None => Some((DMat3::IDENTITY, DVec3::ZERO)),
-            Some(value) => {
-                let rows: Option<Vec<[f64; 4]>> = serde_json::from_value(value.clone()).ok();
-                rows.and_then(|rows| parts(&rows))
-            }
+            value => rows(value).map(|rows| parts(&rows)),
         };
-        let applied_scale = all.get("applied_scale").and_then(Value::as_f64).unwrap_or(1.0);
-        let scale = saved.scale / applied_scale;
+        let applied_scale = all.get("applied_scale").and_then(number).unwrap_or(1.0);
+        let scale = saved.get("scale").and_then(number).unwrap_or(f64::NAN) / applied_scale;
         let usable = scale.is_finite() && scale > 0.0;
-        let both = parts(&saved.transform).zip(applied).filter(|_| usable);
+        let transform = rows(saved.get("transform")).map(|rows| parts(&rows));
+        let both = transform.zip(applied).filter(|_| usable);
         let Some(((rotation, shift), (before, before_shift))) = both else {
             let reason = "3 rows of 4 numbers and a positive scale expected";
             return Err(Error::malformed(&file, "transform", reason));
@@ -67,9 +58,8 @@ impl Placed {
     }
 }
 
-/// The rotation and the shift of the first three rows.
-fn parts(rows: &[[f64; 4]]) -> Option<(DMat3, DVec3)> {
-    let &[x, y, z, ..] = rows else { return None };
-    let column = |k: usize| DVec3::new(x[k], y[k], z[k]);
-    Some((DMat3::from_cols(column(0), column(1), column(2)), column(3)))
+/// The rotation and the shift of the first three rows of four numbers.
+fn parts(rows: &[f64]) -> (DMat3, DVec3) {
+    let column = |k: usize| DVec3::new(rows[k], rows[4 + k], rows[8 + k]);
+    (DMat3::from_cols(column(0), column(1), column(2)), column(3))
 }

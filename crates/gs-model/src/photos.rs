@@ -8,8 +8,11 @@ use crate::fs;
 
 /// What the names of photo files end with.
 const READABLE: [&str; 4] = ["png", "jpg", "jpeg", "webp"];
-/// What names of photos in camera files end with besides.
-const OTHER: [&str; 7] = ["heic", "heif", "tif", "tiff", "bmp", "dng", "ppm"];
+/// What the names of photos end with that are not read.
+const OTHER: [&str; 17] = [
+    "heic", "heif", "tif", "tiff", "bmp", "dng", "ppm", "exr", "avif", "jxl", "gif", "tga", "jp2",
+    "cr2", "cr3", "nef", "arw",
+];
 /// Endings of the folders with the photos at full size, and at a half, a quarter and an eighth of it.
 const SIZES: [&str; 4] = ["", "_2", "_4", "_8"];
 
@@ -45,6 +48,23 @@ impl Finder {
         Ok(None)
     }
 
+    /// The same for a name that may be a path on the machine where the cameras were made: then its end is looked for.
+    pub(crate) fn find_named(&mut self, dir: &Path, name: &str) -> Result<Option<PathBuf>> {
+        let found = self.find(dir, Path::new(name))?;
+        let absolute = name.starts_with('/') || name.get(1..2) == Some(":");
+        if found.is_some() || !absolute {
+            return Ok(found);
+        }
+        let parts: Vec<&str> = name.split('/').collect();
+        for kept in (1..=3.min(parts.len())).rev() {
+            let end: PathBuf = parts[parts.len() - kept..].iter().collect();
+            if let Some(found) = self.find(dir, &end)? {
+                return Ok(Some(found));
+            }
+        }
+        Ok(None)
+    }
+
     fn names(&mut self, folder: &Path) -> Result<&Names> {
         if !self.folders.contains_key(folder) {
             self.folders.insert(folder.to_owned(), Names::list(folder)?);
@@ -56,7 +76,7 @@ impl Finder {
 impl Names {
     fn list(folder: &Path) -> Result<Self> {
         let mut out = Self::default();
-        for file in photos_in(folder)? {
+        for file in photos_in(folder, &READABLE)? {
             let Some(name) = file.file_name().map(|n| n.to_string_lossy().to_lowercase()) else {
                 continue;
             };
@@ -77,22 +97,34 @@ impl Names {
 /// # Errors
 /// [`crate::Error::Io`].
 pub fn photos_beside(expected: &Path) -> Result<Vec<PathBuf>> {
+    beside(expected, &READABLE)
+}
+
+/// The photos in the same folders that are of a format that is not read.
+///
+/// # Errors
+/// [`crate::Error::Io`].
+pub fn unread_photos_beside(expected: &Path) -> Result<Vec<PathBuf>> {
+    beside(expected, &OTHER)
+}
+
+fn beside(expected: &Path, extensions: &[&str]) -> Result<Vec<PathBuf>> {
     let folder = expected.parent().unwrap_or(Path::new(""));
     let mut all = Vec::new();
     for ending in SIZES {
         let mut sized = folder.as_os_str().to_owned();
         sized.push(ending);
-        all.extend(photos_in(Path::new(&sized))?);
+        all.extend(photos_in(Path::new(&sized), extensions)?);
     }
     Ok(all)
 }
 
-/// The photos in a folder, sorted; none if there is no such folder.
-fn photos_in(folder: &Path) -> Result<Vec<PathBuf>> {
+/// The photos in a folder with these extensions, sorted; none if there is no such folder.
+fn photos_in(folder: &Path, extensions: &[&str]) -> Result<Vec<PathBuf>> {
     let mut names = fs::names(folder)?;
     names.retain(|name| {
         let extension = Path::new(name).extension().unwrap_or_default();
-        READABLE.iter().any(|known| extension.eq_ignore_ascii_case(known))
+        extensions.iter().any(|known| extension.eq_ignore_ascii_case(known))
     });
     Ok(names.iter().map(|name| folder.join(name)).collect())
 }

@@ -7,7 +7,7 @@ use crate::output::{Output, empty_folder, is_stdio};
 use crate::pictures;
 use crate::progress::Meter;
 use crate::report::Reporter;
-use crate::views::WhichViews;
+use crate::views::{Origin, Placed, WhichViews};
 use anyhow::Result;
 use finetune::{Image, RenderOptions, metrics, render};
 use gs_model::{Camera, Scene};
@@ -62,7 +62,7 @@ pub(crate) fn run(args: &CompareArgs, report: Reporter) -> Result<()> {
     // Both relative to one place: the origin of the one that has one.
     let place = if a.origin == [0.0; 3] { b.origin } else { a.origin };
     [&mut a, &mut b].into_iter().for_each(|scene| scene.move_origin(place));
-    let cameras = args.views.cameras(&a, &args.reference)?;
+    let Placed { cameras, origin } = args.views.cameras(&a, &args.reference)?;
     let seen = score_views(&a, &b, &cameras);
     let mut order: Vec<_> = seen.iter().collect();
     order.sort_by(|x, y| x.psnr.total_cmp(&y.psnr));
@@ -79,6 +79,9 @@ pub(crate) fn run(args: &CompareArgs, report: Reporter) -> Result<()> {
         format!("{}: {gaussians} Gaussians, SH degree {degree}\n", path.display())
     };
     let mut human = model(&args.reference, &a) + &model(&args.model, &b);
+    if let Some(origin) = &origin {
+        human += &format!("{}\n", origin.human());
+    }
     human +=
         &format!("renders, mean over {} views: PSNR {psnr:.3} dB, SSIM {ssim:.5}\n", seen.len());
     if let Some(worst) = order.first() {
@@ -104,6 +107,7 @@ pub(crate) fn run(args: &CompareArgs, report: Reporter) -> Result<()> {
         "sh_degree": [a.sh_degree, b.sh_degree],
         "psnr": finite(psnr),
         "ssim": finite(ssim),
+        "cameras": origin.as_ref().map(Origin::json),
         "views": seen.iter().map(view).collect::<Vec<_>>(),
         "pictures": pictures,
         "attributes": errors.as_ref().map(AttributeErrors::json),

@@ -65,8 +65,8 @@ pub(crate) struct Content {
     preset: Option<Preset>,
     /// Cameras of the training photos: what they see gets more bits.
     ///
-    /// A scene folder (COLMAP project, Inria output or transforms.json), a cameras.json or a
-    /// transforms.json.
+    /// A scene folder (COLMAP project, Inria output or transforms.json), a cameras.json, a
+    /// transforms.json, or the folder of a COLMAP model.
     #[arg(long, value_name = "PATH")]
     pub(crate) cameras: Option<PathBuf>,
     /// With --cameras: leave out the Gaussians that they see too little of to pay for their bits, and

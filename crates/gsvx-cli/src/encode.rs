@@ -10,6 +10,7 @@ use crate::join::{self, ScenePart};
 use crate::output::{Output, counted};
 use crate::progress::Meter;
 use crate::report::Reporter;
+use crate::views::{Origin, Placed};
 use crate::{loss, max_error, photos, scale, size, views};
 use anyhow::{Context, Result};
 use finetune::{LossEstimate, Pictures, References};
@@ -208,6 +209,9 @@ fn encode_file(args: &EncodeArgs, job: &Job, report: Reporter) -> Result<()> {
         done.remarks(),
         done.estimate_seconds,
     );
+    if let Some(cameras) = &done.cameras {
+        human += &format!("\n{}", cameras.human());
+    }
     let mut json = done.json();
     for warning in warnings {
         note(format_args!("warning: {name}: {warning}"));
@@ -252,7 +256,8 @@ struct Done {
     made: Made,
     /// What the stream aimed for, and how near it came.
     note: String,
-    /// With cameras: what they see.
+    /// With cameras: where they are from, and what they see.
+    cameras: Option<Origin>,
     seen: Option<SeenShare>,
     /// How much less the stream shows than the input, and how long the estimate took.
     loss: Option<LossEstimate>,
@@ -341,6 +346,7 @@ impl Done {
             "transparent": encoded.transparent,
             "pruned": encoded.pruned,
             "outliers": encoded.outliers(),
+            "cameras": self.cameras.as_ref().map(Origin::json),
             "cameras_doubted": self.doubted,
             "seen_opacity_share": seen.map(|s| s.of_opacity),
             "unseen": seen.map(|s| s.unseen),
@@ -358,18 +364,19 @@ impl Done {
 /// The stream that the flags ask for.
 fn encoded(args: &EncodeArgs, name: &str, scene: Scene) -> Result<Done> {
     let content = &args.scene.content;
-    let (mut seen_share, mut importance, mut cameras) = (None, None, None);
+    let (mut seen_share, mut importance, mut cameras, mut origin) = (None, None, None, None);
     let mut doubted = false;
     if let Some(path) = &content.cameras {
-        let training = views::cameras(path)?;
-        doubted = photos::doubt_cameras(&scene, path, content.drop_unseen)?;
+        let read = views::training(path)?;
+        doubted = photos::doubt_cameras(&scene, path, &read.views, content.drop_unseen)?;
+        let Placed { cameras: training, origin: from } = views::as_pinholes(path, read)?;
         if !doubted {
             let seen = views::seen(&scene, &training, path)?;
             let (of_opacity, unseen) = (seen.share, seen.unseen());
             seen_share = Some(SeenShare { of_opacity, unseen, hardly: 0, kept: 0 });
             importance = Some(seen.weights);
         }
-        cameras = Some(training);
+        (cameras, origin) = (Some(training), from);
     }
     // PSNR and loss are measured against the input before pruning.
     let references = args.target_psnr.and(cameras.as_ref()).map(|c| references(&scene, c));
@@ -411,6 +418,7 @@ fn encoded(args: &EncodeArgs, name: &str, scene: Scene) -> Result<Done> {
     }
     Ok(Done {
         note: aimed(args, &made),
+        cameras: origin,
         seen: seen_share,
         doubted,
         loss: loss.filter(|_| estimated),

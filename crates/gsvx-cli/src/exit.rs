@@ -56,6 +56,7 @@ pub(crate) fn line(error: &anyhow::Error) -> String {
 fn remedy(cause: &(dyn std::error::Error + 'static)) -> Option<String> {
     use gs_model::Error as Model;
     use gsvx::Error as Stream;
+    use tune::Error as Tuning;
     if let Some(error) = cause.downcast_ref::<Model>() {
         return match error {
             Model::InvalidGaussian { .. } => Some("pass --drop-invalid to leave them out".into()),
@@ -65,11 +66,20 @@ fn remedy(cause: &(dyn std::error::Error + 'static)) -> Option<String> {
             _ => None,
         };
     }
-    if let Some(tune::Error::NoPhotos { .. }) = cause.downcast_ref() {
-        return Some("--distil tunes to renders instead".into());
+    match cause.downcast_ref() {
+        Some(Tuning::NoPhotos { .. } | Tuning::UnreadPhotos { .. } | Tuning::Photos { .. }) => {
+            return Some("--distil tunes to renders instead".into());
+        }
+        Some(Tuning::GreyPhotos { .. }) => {
+            return Some(
+                "--distil tunes to renders instead, --force-photos to the grey photos".into(),
+            );
+        }
+        _ => {}
     }
-    if let Some(tune::Error::OtherPhotos { .. }) = cause.downcast_ref() {
-        return Some("--force-photos uses them".into());
+    if let Some(tune::Error::OtherPhotos { turned, .. }) = cause.downcast_ref() {
+        let keep = if *turned { "an SPZ needs --axes keep; " } else { "" };
+        return Some(format!("{keep}--force-photos uses them"));
     }
     let drawing = match cause.downcast_ref() {
         Some(tune::Error::Finetune(error)) => Some(error),

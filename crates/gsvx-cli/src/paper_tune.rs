@@ -8,7 +8,7 @@ use crate::interrupt;
 use crate::output::{Output, counted};
 use crate::progress::Meter;
 use crate::report::Reporter;
-use crate::views;
+use crate::views::{self, Origin};
 use anyhow::{Context, Result};
 use finetune::TrainView;
 use gs_model::Scene;
@@ -74,6 +74,7 @@ pub(crate) struct PaperJob<'a> {
     pub(crate) input: &'a Path,
     /// Where the cameras come from, for messages.
     pub(crate) cameras: &'a Path,
+    pub(crate) origin: Option<Origin>,
     pub(crate) scene: Scene,
     pub(crate) training: Vec<TrainView>,
     /// Quality and layout of the stream.
@@ -86,7 +87,7 @@ pub(crate) struct PaperJob<'a> {
 
 /// Voxelizes, fine-tunes with the means frozen, writes a stream or a model.
 pub(crate) fn run(args: &PaperArgs, job: PaperJob<'_>, report: Reporter) -> Result<()> {
-    let PaperJob { training, mut options, mut tuning, output, ply, .. } = job;
+    let PaperJob { origin, training, mut options, mut tuning, output, ply, .. } = job;
     let name = || input::name(job.input);
     let cameras: Vec<_> = training.iter().map(|v| v.camera.clone()).collect();
     let seen = views::seen(&job.scene, &cameras, job.cameras)?;
@@ -134,6 +135,7 @@ pub(crate) fn run(args: &PaperArgs, job: PaperJob<'_>, report: Reporter) -> Resu
         format!("{steps} steps in {seconds:.1} s: {reason}\n{target}: {gaussians} Gaussians{size}");
     let json = json!({
         "output": target,
+        "cameras": origin.as_ref().map(Origin::json),
         "gaussians": gaussians,
         "outliers": outliers,
         "bytes": bytes,

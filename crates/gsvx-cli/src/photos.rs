@@ -2,17 +2,20 @@
 
 use crate::exit::note;
 use crate::progress::Meter;
-use crate::views;
 use anyhow::{Context, Result, bail};
 use finetune::TrainView;
-use gs_model::{Camera, Scene};
+use gs_model::{Camera, Scene, View};
 use std::path::Path;
 use tune::Targets;
 
-/// Training views with their photos; none, with a warning, if there are no photos at all.
-pub(crate) fn photos(scene: &Scene, path: &Path, force: bool) -> Result<Vec<TrainView>> {
-    let training = views::training(path, views::read(path)?)?;
-    let mut found = tune::photos(path, &training)?;
+/// Training views, which `path` names, with their photos; none, with a warning, if there are no photos at all.
+pub(crate) fn photos(
+    scene: &Scene,
+    path: &Path,
+    training: &[View],
+    force: bool,
+) -> Result<Vec<TrainView>> {
+    let mut found = tune::photos(path, training)?;
     let checked = found.check(scene, force);
     found.warnings.iter().for_each(|warning| note(format_args!("warning: {warning}")));
     checked.with_context(|| path.display().to_string())?;
@@ -24,13 +27,18 @@ pub(crate) fn photos(scene: &Scene, path: &Path, force: bool) -> Result<Vec<Trai
 ///
 /// # Errors
 /// If what the cameras do not see would be lost.
-pub(crate) fn doubt_cameras(scene: &Scene, path: &Path, drop_unseen: bool) -> Result<bool> {
-    let Some(found) = tune::misfit(scene, &views::read(path)?) else { return Ok(false) };
-    let (name, causes) = (path.display(), finetune::MISFIT_CAUSES);
-    let doubt = format!(
-        "{name}: the photos do not show this model at their cameras ({:.1} dB in {} photos). {causes}",
-        found.psnr, found.views
-    );
+pub(crate) fn doubt_cameras(
+    scene: &Scene,
+    path: &Path,
+    views: &[View],
+    drop_unseen: bool,
+) -> Result<bool> {
+    let Err(doubt) = tune::check_photos(scene, views) else { return Ok(false) };
+    let keep = match doubt {
+        tune::Error::OtherPhotos { turned: true, .. } => " (an SPZ: pass --axes keep)",
+        _ => "",
+    };
+    let doubt = format!("{}: {}{keep}", path.display(), gs_model::chain(&doubt));
     if drop_unseen {
         bail!("{doubt}; without --drop-unseen the model is encoded as if there were no cameras");
     }

@@ -10,7 +10,8 @@ use crate::output::{Output, empty_folder};
 use crate::paper_tune::{self, PaperArgs, PaperJob};
 use crate::progress::Meter;
 use crate::report::Reporter;
-use crate::{interrupt, photos, pictures, size, views};
+use crate::views::{self, Origin, Placed};
+use crate::{interrupt, photos, pictures, size};
 use anyhow::{Context, Result, bail};
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use finetune::{Backend, RenderOptions, render};
@@ -165,26 +166,26 @@ impl TuneArgs {
         }
     }
 
-    /// What the model is tuned to.
-    fn targets(&self, scene: &Scene) -> Result<Targets> {
-        let cameras = match (&self.cameras, self.orbit.orbit) {
-            (Some(path), _) => {
-                let found = if self.distil {
-                    Vec::new()
-                } else {
-                    photos::photos(scene, path, self.force_photos)?
-                };
-                if !found.is_empty() {
-                    return Ok(Targets::Photos(found));
-                }
-                let cameras = views::cameras(path)?;
-                self.refuse_misfits(scene, &cameras, path)?;
-                cameras
+    /// What the model is tuned to, and where its cameras are from.
+    fn targets(&self, scene: &Scene) -> Result<(Targets, Option<Origin>)> {
+        let path = match (&self.cameras, self.orbit.orbit) {
+            (Some(path), _) => path,
+            (None, Some(n)) => {
+                let cameras = views::around(&self.orbit, n, &self.input, scene)?;
+                return Ok((Targets::Renders(cameras), None));
             }
-            (None, Some(n)) => views::around(&self.orbit, n, &self.input, scene)?,
             (None, None) => return Err(usage("give --cameras or --orbit")),
         };
-        Ok(Targets::Renders(cameras))
+        let read = views::training(path)?;
+        if !self.distil {
+            let found = photos::photos(scene, path, &read.views, self.force_photos)?;
+            if !found.is_empty() {
+                return Ok((Targets::Photos(found), Some(read.origin)));
+            }
+        }
+        let Placed { cameras, origin } = views::as_pinholes(path, read)?;
+        self.refuse_misfits(scene, &cameras, path)?;
+        Ok((Targets::Renders(cameras), origin))
     }
 
     /// Refuses cameras that seem not to be the model's own, where there are no photos that prove them.
@@ -232,7 +233,10 @@ pub(crate) fn run(args: &TuneArgs, report: Reporter) -> Result<()> {
     pictures.map_or(Ok(()), |folder| empty_folder(folder, args.force))?;
     let backend = args.backend()?;
     let scene = args.reading.model(&args.input, true)?.scene;
-    let targets = args.targets(&scene)?;
+    let (targets, origin) = args.targets(&scene)?;
+    if let Some(origin) = &origin {
+        note(origin.human());
+    }
     let distilled = targets.are_renders();
     let cameras = args.cameras.as_deref().unwrap_or(&args.input);
     if args.profile == Profile::Paper {
@@ -248,7 +252,8 @@ pub(crate) fn run(args: &TuneArgs, report: Reporter) -> Result<()> {
         args.layout().set(&mut options);
         let input = &*args.input;
         let training = photos::training(&scene, targets);
-        let job = PaperJob { input, cameras, scene, training, options, tuning, output, ply };
+        let job =
+            PaperJob { input, cameras, origin, scene, training, options, tuning, output, ply };
         return paper_tune::run(&args.paper, job, report);
     }
     let outcome = tuned(args, scene, targets, backend)?;
@@ -257,7 +262,7 @@ pub(crate) fn run(args: &TuneArgs, report: Reporter) -> Result<()> {
     } else {
         output.write(|out| Ok(out.write_all(&outcome.encoded.bytes)?))?
     };
-    tell(args, &written.name, distilled, &outcome, report)
+    tell(args, &written.name, origin.as_ref(), distilled, &outcome, report)
 }
 
 /// Says what will be done, and does it.
@@ -349,6 +354,7 @@ fn picture(folder: &Path, camera: &Camera, p: &Progress<'_>) -> Result<()> {
 fn tell(
     args: &TuneArgs,
     name: &str,
+    origin: Option<&Origin>,
     distilled: bool,
     outcome: &TuneOutcome,
     report: Reporter,
@@ -377,6 +383,7 @@ fn tell(
     );
     let json = json!({
         "output": name,
+        "cameras": origin.map(Origin::json),
         "gaussians": gaussians,
         "outliers": outcome.outliers,
         "bytes": bytes,

@@ -7,9 +7,10 @@ use crate::progress::Meter;
 use crate::size::number;
 use anyhow::{Result, bail};
 use finetune::Visibility;
-use gs_model::dataset::{self, HOLD_OUT_EVERY};
+use gs_model::dataset::{self, CameraSet, HOLD_OUT_EVERY};
 use gs_model::lens::Lens;
-use gs_model::{Camera, Scene, View};
+use gs_model::{Camera, Scene, View, pinholes, refuse_wide};
+use serde_json::{Value, json};
 use std::convert::Infallible;
 use std::path::{Path, PathBuf};
 
@@ -20,8 +21,8 @@ const MAX_EDGE: u32 = 1 << 14;
 #[derive(clap::Args, Clone, Debug)]
 #[command(group = clap::ArgGroup::new("which_views").required(true).args(["cameras", "orbit"]))]
 pub(crate) struct WhichViews {
-    /// Cameras: a scene folder (COLMAP project, Inria output, transforms.json), or a cameras.json
-    /// or transforms.json itself.
+    /// Cameras: a scene folder (COLMAP project, Inria output, transforms.json), a cameras.json or
+    /// transforms.json itself, or the folder of a COLMAP model.
     #[arg(long, value_name = "PATH")]
     cameras: Option<PathBuf>,
     #[command(flatten)]
@@ -38,11 +39,14 @@ pub(crate) struct WhichViews {
 }
 
 impl WhichViews {
-    /// The cameras; `scene`, read from `path`, is what generated ones look at.
-    pub(crate) fn cameras(&self, scene: &Scene, path: &Path) -> Result<Vec<Camera>> {
-        let all = match (&self.cameras, self.orbit.orbit) {
-            (Some(path), _) => open(path)?.into_iter().map(|v| v.camera).collect(),
-            (None, Some(n)) => self.orbit.cameras(scene, n, up_beside(path))?,
+    /// The cameras, and where they are from; `scene`, read from `path`, is what generated ones look at.
+    pub(crate) fn cameras(&self, scene: &Scene, path: &Path) -> Result<Placed> {
+        let (all, mut origin) = match (&self.cameras, self.orbit.orbit) {
+            (Some(path), _) => {
+                let Read { views, origin } = read(path)?;
+                (views.into_iter().map(|v| v.camera).collect(), Some(origin))
+            }
+            (None, Some(n)) => (self.orbit.cameras(scene, n, up_beside(path))?, None),
             (None, None) => return Err(usage("give --cameras or --orbit")),
         };
         let chosen: Vec<Camera> = all
@@ -58,7 +62,56 @@ impl WhichViews {
             }
         }
         drawable(&chosen, "pass a smaller --scale")?;
-        Ok(chosen)
+        if let (Some(path), Some(origin)) = (&self.cameras, &mut origin) {
+            chosen.iter().try_for_each(|camera| refuse_wide(path, camera))?;
+            say_lenses(path, &chosen);
+            origin.used = chosen.len();
+            origin.how = match (&self.view, self.every) {
+                (Some(name), _) => format!("{name:?} is drawn"),
+                (None, 1) => "all are drawn".into(),
+                (None, n) => {
+                    format!("{} are drawn, the first and every {n}th after it", chosen.len())
+                }
+            };
+        }
+        Ok(Placed { cameras: chosen, origin })
+    }
+}
+
+/// Cameras to draw from, and where they are from; generated ones are from nowhere.
+pub(crate) struct Placed {
+    pub(crate) cameras: Vec<Camera>,
+    pub(crate) origin: Option<Origin>,
+}
+
+/// Views that were read.
+pub(crate) struct Read {
+    pub(crate) views: Vec<View>,
+    pub(crate) origin: Origin,
+}
+
+/// Where cameras are from, and how many of them are used.
+#[derive(Clone, Debug)]
+pub(crate) struct Origin {
+    source: PathBuf,
+    form: &'static str,
+    count: usize,
+    used: usize,
+    /// What becomes of them.
+    how: String,
+}
+
+impl Origin {
+    /// One line for a person.
+    pub(crate) fn human(&self) -> String {
+        let Self { source, form, count, how, .. } = self;
+        let s = if *count == 1 { "" } else { "s" };
+        format!("{count} camera{s} from {} ({form}): {how}", source.display())
+    }
+
+    pub(crate) fn json(&self) -> Value {
+        let Self { source, form, count, used, .. } = self;
+        json!({ "path": source.display().to_string(), "form": form, "count": count, "used": used })
     }
 }
 
@@ -94,7 +147,7 @@ pub(crate) fn beside(model: &Path) -> Option<Vec<View>> {
     // Inria: FOLDER/point_cloud/iteration_N/point_cloud.ply.
     [folders.next(), folders.nth(1)].into_iter().flatten().find_map(|folder| {
         let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
-        dataset::open_views(folder).ok()
+        Some(dataset::cameras_in(folder).ok()?.views)
     })
 }
 
@@ -110,24 +163,26 @@ pub(crate) fn up(views: &[View]) -> Option<[f64; 3]> {
     (sum.length() > 0.5 * views.len() as f64).then(|| sum.normalize().to_array())
 }
 
-/// The views of a scene folder or of a camera file, by name. A note says where photos are distorted.
-fn open(path: &Path) -> Result<Vec<View>> {
-    let views = read(path)?;
-    let distorted = views.iter().filter_map(|v| v.camera.lens.as_ref());
+/// Says that renders do not show the distortion of photos.
+fn say_lenses(path: &Path, cameras: &[Camera]) {
+    let distorted = cameras.iter().filter_map(|c| c.lens.as_ref());
     if let Some(Lens { model, .. }) = distorted.clone().next() {
         note(format_args!(
             "{}: {} of {} cameras have lens distortion ({model}), which renders do not show",
             path.display(),
             distorted.count(),
-            views.len()
+            cameras.len()
         ));
     }
-    Ok(views)
 }
 
-/// The same without a note.
-pub(crate) fn read(path: &Path) -> Result<Vec<View>> {
-    Ok(dataset::open_views(path)?)
+/// The views of a scene folder or of a camera file, by name. Notes say what is unusual about them.
+pub(crate) fn read(path: &Path) -> Result<Read> {
+    let CameraSet { views, source, form, notes, .. } = dataset::open_cameras(path)?;
+    notes.iter().for_each(note);
+    let count = views.len();
+    let origin = Origin { source, form, count, used: count, how: String::new() };
+    Ok(Read { views, origin })
 }
 
 /// Cameras that show a model, which was read from `path`, from wherever it can be seen.
@@ -140,25 +195,44 @@ pub(crate) fn around(orbit: &Orbit, n: u32, path: &Path, scene: &Scene) -> Resul
 }
 
 /// The views, which `path` names, that are not held out for measuring.
-pub(crate) fn training(path: &Path, views: Vec<View>) -> Result<Vec<View>> {
-    let name = path.display();
-    if views.is_empty() {
-        bail!("{name}: no cameras");
-    }
+pub(crate) fn training(path: &Path) -> Result<Read> {
+    let Read { views, mut origin } = read(path)?;
     let kept = views.into_iter().enumerate().filter(|(i, _)| i % HOLD_OUT_EVERY != 0);
-    let training: Vec<View> = kept.map(|(_, view)| view).collect();
-    if training.is_empty() {
+    let views: Vec<View> = kept.map(|(_, view)| view).collect();
+    if views.is_empty() {
+        let name = path.display();
         bail!("{name}: a single camera is held out for measuring; give two or more");
     }
-    Ok(training)
+    origin.used = views.len();
+    origin.how = format!(
+        "{} for training, {} held out for measuring",
+        views.len(),
+        origin.count - views.len()
+    );
+    Ok(Read { views, origin })
 }
 
-/// The training cameras of a scene folder or of a camera file.
-pub(crate) fn cameras(path: &Path) -> Result<Vec<Camera>> {
-    let training = training(path, open(path)?)?;
-    let training: Vec<Camera> = training.into_iter().map(|view| view.camera).collect();
-    drawable(&training, &format!("correct the sizes in {}", path.display()))?;
-    Ok(training)
+/// The training cameras of a scene folder or of a camera file: pinhole cameras that show what the photos show.
+pub(crate) fn cameras(path: &Path) -> Result<Placed> {
+    as_pinholes(path, training(path)?)
+}
+
+/// Pinhole cameras that show what the photos of the views show.
+pub(crate) fn as_pinholes(path: &Path, read: Read) -> Result<Placed> {
+    let Read { views, mut origin } = read;
+    let own: Vec<Camera> = views.into_iter().map(|view| view.camera).collect();
+    let cameras = pinholes(path, &own)?;
+    drawable(&cameras, &format!("correct the sizes in {}", path.display()))?;
+    let wide = own.iter().find_map(|c| c.lens.as_ref()).filter(|_| cameras.len() > own.len());
+    if let Some(Lens { model, .. }) = wide {
+        origin.how +=
+            &format!("; drawn as {} pinhole cameras, because of the lens ({model})", cameras.len());
+    }
+    if cameras.len() > finetune::MOST_CAMERAS {
+        origin.how +=
+            &format!("; importance is measured at {}, evenly chosen", finetune::MOST_CAMERAS);
+    }
+    Ok(Placed { cameras, origin: Some(origin) })
 }
 
 /// What the cameras, which `path` names, see of `scene`. Warns if that is little.

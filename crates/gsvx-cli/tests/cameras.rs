@@ -158,6 +158,24 @@ fn photos_that_show_something_else_keep_their_cameras_from_deciding() {
 }
 
 #[test]
+fn a_model_that_stands_on_its_head_beside_its_photos_is_said_to() {
+    let dir = tempfile::tempdir().unwrap();
+    let [model, stream] = ["kept.spz", "a.gsvx"].map(|name| dir.path().join(name));
+    // The numbers of a model whose y points down, in a format whose y points up.
+    common::ok(&["convert", "@", "@", "--axes", "keep"], &[&common::model(), &model]);
+    let words = ["encode", "@", "-o", "@", "--force", "--cameras", "@"];
+    let (made, said) = report(&words, &[&model, &stream, &room()]);
+    assert!(
+        said.contains("turned by 180 degrees about x") && said.contains("--axes keep"),
+        "{said}"
+    );
+    assert_eq!(made["cameras_doubted"], true);
+    let kept = [&words[..], &["--axes", "keep"]].concat();
+    let (made, said) = report(&kept, &[&model, &stream, &room()]);
+    assert!(!said.contains("warning") && made["cameras_doubted"] == false, "{said}");
+}
+
+#[test]
 fn keeping_what_cameras_hardly_see_cost_a_sixth_of_the_bytes() {
     let dir = tempfile::tempdir().unwrap();
     let (json, stream) = (dir.path().join("cameras.json"), dir.path().join("a.gsvx"));
@@ -183,14 +201,18 @@ fn keeping_what_cameras_hardly_see_cost_a_sixth_of_the_bytes() {
 }
 
 #[test]
-fn a_lens_that_distorts_is_named_where_no_photo_is_compared() {
+fn a_lens_that_distorts_is_named_where_renders_do_not_show_it() {
     let dir = tempfile::tempdir().unwrap();
-    room_cameras(dir.path(), " 0.05 0.01 0 0");
-    let stream = dir.path().join("a.gsvx");
+    room_cameras(dir.path(), " -0.05 0.01 0 0");
+    let views = dir.path().join("views");
     let (project, input) = (dir.path(), model());
-    let words = ["encode", "@", "-o", "@", "--cameras", "@"];
-    let (json, said) = report(&words, &[&input, &stream, project]);
+    let render = ["render", "@", "-o", "@", "--every", "8", "--cameras", "@"];
+    let (_, said) = report(&render, &[&input, &views, project]);
     assert!(said.contains("lens distortion (OPENCV)"), "{said}");
+    // Importance sees what the photos show.
+    let encode = ["encode", "@", "-o", "@", "--no-estimate", "--cameras", "@"];
+    let (json, said) = report(&encode, &[&input, &dir.path().join("a.gsvx"), project]);
+    assert!(!said.contains("distortion"), "{said}");
     assert!(json["seen_opacity_share"].as_f64().unwrap() > 0.9, "{json}");
 }
 
@@ -212,4 +234,140 @@ fn a_tune_took_photos_of_another_scene_without_a_word() {
     assert!(refused.contains("do not show this model"), "{refused}");
     let (_, said) = report(&[&words[..], &["--force"]].concat(), &[&model(), &tuned, &room()]);
     assert!(!said.contains("warning"), "{said}");
+}
+
+/// A transforms.json with the room's first cameras.
+fn write_transforms(path: &Path, count: usize, extra: &Value) {
+    let frame = |c: &Camera| {
+        let (to_world, p) = (c.rotation.transpose(), c.position());
+        let row = |k: usize| [to_world.x_axis[k], -to_world.y_axis[k], -to_world.z_axis[k], p[k]];
+        serde_json::json!({ "file_path": c.name, "transform_matrix": [row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]] })
+    };
+    let cameras = cameras();
+    let frames: Vec<Value> = cameras.iter().take(count).map(frame).collect();
+    let mut all = serde_json::json!({
+        "w": 240, "h": 160, "fl_x": 195.0, "frames": frames,
+    });
+    all.as_object_mut().unwrap().append(extra.clone().as_object_mut().unwrap());
+    std::fs::write(path, all.to_string()).unwrap();
+}
+
+/// Gaussians all around.
+fn write_shell(path: &Path) {
+    let n = 4000;
+    let direction = |i: usize| {
+        let z = 1.0 - 2.0 * (i as f64 + 0.5) / n as f64;
+        let (sin, cos) = libm::sincos(i as f64 * 2.399_963);
+        let r = (1.0 - z * z).sqrt();
+        [r * cos, r * sin, z].map(|v| (4.0 * v) as f32)
+    };
+    let scene = Scene {
+        means: (0..n).map(direction).collect(),
+        rotations: vec![[1.0, 0.0, 0.0, 0.0]; n],
+        log_scales: vec![[-2.5; 3]; n],
+        opacity_logits: vec![3.0; n],
+        sh_degree: 0,
+        sh: (0..n).map(|i| [0, 1, 2].map(|k| ((i * (k + 3)) % 17) as f32 / 9.0 - 0.9)).collect(),
+        ..Scene::default()
+    };
+    gs_model::ply::write(path, &scene).unwrap();
+}
+
+#[test]
+fn what_a_panorama_or_a_fisheye_shows_is_kept() {
+    let dir = tempfile::tempdir().unwrap();
+    let [shell, json, stream] =
+        ["shell.ply", "transforms.json", "a.gsvx"].map(|name| dir.path().join(name));
+    write_shell(&shell);
+    let words = "encode @ -o @ --force --drop-unseen --no-estimate --cameras @";
+    let words: Vec<&str> = words.split(' ').collect();
+    let unit = |k: usize, x: f64| {
+        [0, 1, 2, 3].map(|i| if i == 3 { x } else { f64::from(u8::from(i == k)) })
+    };
+    let frame = |i: usize| {
+        serde_json::json!({"file_path": format!("{i}.jpg"),
+            "transform_matrix": [unit(0, 0.1 * i as f64), unit(1, 0.0), unit(2, 0.0)]})
+    };
+    let frames: Vec<Value> = (0..4).map(frame).collect();
+    let mut all = serde_json::json!({"camera_model": "EQUIRECTANGULAR", "w": 1024, "h": 512, "frames": frames});
+    std::fs::write(&json, all.to_string()).unwrap();
+    let (panorama, _) = report(&words, &[&shell, &stream, &json]);
+    assert_eq!(panorama["left_out"], 0, "{panorama}");
+    // 190 degrees across: a half, and more.
+    all["camera_model"] = "OPENCV_FISHEYE".into();
+    (all["w"], all["h"], all["fl_x"]) = (600.into(), 600.into(), 180.9.into());
+    std::fs::write(&json, all.to_string()).unwrap();
+    let (fisheye, _) = report(&words, &[&shell, &stream, &json]);
+    let (of_all, left) = (4000, fisheye["left_out"].as_u64().unwrap());
+    assert!((0..of_all * 45 / 100).contains(&left), "{fisheye}");
+    // No picture stands for it, and no photo becomes one.
+    let render = ["render", "@", "-o", "@", "--cameras", "@"];
+    one_line(&run(&render, &[&shell, &dir.path().join("out"), &json]), "degrees to a side");
+    all["camera_model"] = "ORTHOPHOTO".into();
+    std::fs::write(&json, all.to_string()).unwrap();
+    one_line(&run(&words, &[&shell, &stream, &json]), "the lens model ORTHOPHOTO is not known");
+}
+
+#[test]
+fn every_command_says_which_cameras_it_uses() {
+    let dir = tempfile::tempdir().unwrap();
+    let [json, stream, views] =
+        ["transforms.json", "a.gsvx", "views"].map(|name| dir.path().join(name));
+    write_transforms(&json, 9, &serde_json::json!({}));
+    let input = model();
+    let encode = ["encode", "@", "-o", "@", "--force", "--no-estimate", "--cameras", "@"];
+    let (encoded, _) = report(&encode, &[&input, &stream, &json]);
+    let path = json.display().to_string();
+    let wanted = serde_json::json!({"path": path, "form": "NeRF", "count": 9, "used": 7});
+    assert_eq!(encoded["cameras"], wanted);
+    let said = String::from_utf8(run(&encode, &[&input, &stream, &json]).stdout).unwrap();
+    let line = format!("9 cameras from {path} (NeRF): 7 for training, 2 held out for measuring");
+    assert!(said.contains(&line), "{said}");
+    let render = ["render", "@", "-o", "@", "--every", "8", "--cameras", "@"];
+    let said = String::from_utf8(run(&render, &[&input, &views, &json]).stdout).unwrap();
+    assert!(said.contains("(NeRF): 2 are drawn, the first and every 8th after it"), "{said}");
+    let compare = ["compare", "@", "@", "--view", "view_003.png", "--cameras", "@"];
+    let (compared, _) = report(&compare, &[&input, &stream, &json]);
+    assert_eq!(
+        (&compared["cameras"]["count"], &compared["cameras"]["used"]),
+        (&9.into(), &1.into())
+    );
+    let tune = [
+        "tune",
+        "@",
+        "-o",
+        "@",
+        "--force",
+        "--distil",
+        "--effort",
+        "quick",
+        "--quality",
+        "20",
+        "--cameras",
+        "@",
+    ];
+    let (tuned, said) = report(&tune, &[&input, &stream, &json]);
+    assert!(said.contains(&line) && said.matches("cameras from").count() == 1, "{said}");
+    assert_eq!(tuned["cameras"], wanted);
+}
+
+#[test]
+fn equal_names_of_cameras_are_no_error_where_no_photo_is_needed() {
+    let dir = tempfile::tempdir().unwrap();
+    let (json, stream) = (dir.path().join("cameras.json"), dir.path().join("a.gsvx"));
+    let mut all = cameras();
+    all.truncate(10);
+    for camera in &mut all[3..6] {
+        camera.name = "0001.png".into();
+    }
+    write_json(&json, &all);
+    let input = model();
+    let words = ["encode", "@", "-o", "@", "--no-estimate", "--cameras", "@"];
+    let (encoded, said) = report(&words, &[&input, &stream, &json]);
+    assert_eq!(encoded["cameras"]["count"], 10);
+    assert!(said.matches("names that others have too").count() == 1, "{said}");
+    let views = dir.path().join("views");
+    let render = ["render", "@", "-o", "@", "--cameras", "@"];
+    common::said(&run(&render, &[&input, &views, &json]));
+    assert!(views.join("0001 (3).png").is_file());
 }

@@ -168,3 +168,56 @@ fn photos_of_other_views_are_refused_and_another_exposure_is_told() {
     let (_, _, said) = scene.tuned();
     assert!(said.contains("exposure differs"), "{said}");
 }
+
+#[test]
+fn photos_of_formats_that_are_not_read_are_named() {
+    let scene = Scene::new(|dir, stem, _| {
+        let file = dir.join(format!("images/{stem}.TIF"));
+        fs::create_dir_all(file.parent().unwrap()).unwrap();
+        fs::write(file, "II*").unwrap();
+    });
+    let out = scene.tune(&[]);
+    one_line(&out, "32 photos in ");
+    let error = heard(&out);
+    assert!(error.contains("are .TIF, which is not read; convert them to PNG or JPEG"), "{error}");
+    assert!(error.contains("--distil"), "{error}");
+}
+
+#[test]
+fn grey_photos_of_a_model_with_colours_are_refused_by_that_name() {
+    let scene = Scene::new(|dir, stem, photo| {
+        save(dir.join(format!("images/{stem}.png")), image::DynamicImage::from(photo).into_luma8());
+    });
+    let out = scene.tune(&[]);
+    one_line(&out, "all 28 photos are grey");
+    assert!(heard(&out).contains("--force-photos"), "{out:?}");
+    let forced = heard(&scene.tune(&["--force-photos"]));
+    assert!(
+        forced.contains("the tuned model turns grey") && !forced.contains("exposure"),
+        "{forced}"
+    );
+}
+
+#[test]
+fn photos_of_16_bits_are_those_of_8() {
+    let put = |wide: bool| {
+        Scene::new(|dir, stem, photo| {
+            let photo = image::DynamicImage::from(photo);
+            let photo = if wide { photo.into_rgb16().into() } else { photo };
+            save(dir.join(format!("images/{stem}.png")), photo);
+        })
+    };
+    let [(_, eight, _), (_, sixteen, _)] = [put(false).tuned(), put(true).tuned()];
+    assert!((eight - sixteen).abs() < 1e-9, "{eight} {sixteen}");
+}
+
+#[test]
+fn photos_that_are_turned_are_said_to_be() {
+    let scene = Scene::new(|dir, stem, photo| {
+        save(dir.join(format!("images/{stem}.png")), image::imageops::rotate90(&photo));
+    });
+    one_line(
+        &scene.tune(&[]),
+        "80x120, but its camera has 240x160: the photo is turned by 90 degrees",
+    );
+}

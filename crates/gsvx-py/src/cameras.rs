@@ -5,9 +5,9 @@ use crate::background::run;
 use crate::error::{Fault, Result};
 use finetune::framing::{self, Constraints};
 use glam::{DMat3, DVec3};
-use gs_model::dataset::open_views;
+use gs_model::dataset::open_cameras;
 use gs_model::lens::Lens;
-use gs_model::{Camera, View};
+use gs_model::{Camera, CameraSet, View, pinholes, refuse_wide};
 use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -53,6 +53,17 @@ impl Cameras {
         let both = self.list.iter().cloned().zip(self.photos.iter().cloned());
         both.map(|(camera, image_path)| View { camera, image_path }).collect()
     }
+
+    /// Pinhole cameras that show what the photos of these show.
+    pub(crate) fn pinholes(&self) -> Result<Vec<Camera>> {
+        Ok(pinholes(Path::new(&self.name), &self.list)?)
+    }
+
+    /// The cameras, if a picture without distortion can stand for what each shows.
+    pub(crate) fn drawable(self) -> Result<Vec<Camera>> {
+        self.list.iter().try_for_each(|camera| refuse_wide(Path::new(&self.name), camera))?;
+        Ok(self.list)
+    }
 }
 
 impl CameraArrays<'_> {
@@ -95,14 +106,15 @@ impl CameraArrays<'_> {
     }
 }
 
-/// The views of a folder or of a camera file, sorted by name, as a dict of arrays.
+/// The views of a folder or of a camera file, sorted by name, as a dict of arrays; with notes on what is unusual.
 #[pyfunction]
 pub(crate) fn read_cameras(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyDict>> {
-    let views = open_views(&path).map_err(Fault::from)?;
+    let CameraSet { views, notes, .. } = open_cameras(&path).map_err(Fault::from)?;
     let cameras: Vec<&Camera> = views.iter().map(|v| &v.camera).collect();
     let out = as_arrays(py, &cameras)?;
     let photos: Vec<&Path> = views.iter().map(|v| v.image_path.as_path()).collect();
     out.set_item("photos", photos)?;
+    out.set_item("notes", notes)?;
     Ok(out)
 }
 

@@ -91,7 +91,10 @@ pub(crate) fn compress<'py>(
     progress: Option<Bound<'py, PyAny>>,
 ) -> PyResult<(Bound<'py, PyBytes>, Bound<'py, PyDict>)> {
     let (pool, scene) = splats.take()?;
-    let cameras = cameras.map(|c| c.cameras()).transpose()?;
+    let mut cameras = cameras.map(|c| c.cameras()).transpose()?;
+    if let Some(cameras) = &mut cameras {
+        cameras.list = cameras.pinholes()?;
+    }
     let input = scene.len();
     let done = run(py, pool, progress.as_ref(), move |line| {
         encode(scene, &options, cameras.as_ref(), line)

@@ -17,7 +17,7 @@ pub(crate) fn render<'py>(
     progress: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Vec<Bound<'py, PyArray3<f32>>>> {
     let (pool, scene) = splats.take()?;
-    let cameras = cameras.cameras()?.list;
+    let cameras = cameras.cameras()?.drawable()?;
     let images = run(py, pool, progress.as_ref(), move |line| {
         let options = RenderOptions { background, ..Default::default() };
         let mut images: Vec<Image> = Vec::with_capacity(cameras.len());
@@ -46,7 +46,7 @@ pub(crate) fn compare<'py>(
     let pool = pool()?;
     let (a, b) = (reference.scene(&pool)?, model.scene(&pool)?);
     drop((reference, model));
-    let cameras = cameras.cameras()?.list;
+    let cameras = cameras.cameras()?.drawable()?;
     run(py, pool, progress.as_ref(), move |line| {
         let mut scores = Vec::with_capacity(cameras.len());
         for camera in &cameras {

@@ -177,7 +177,7 @@ fn tune_scene(
     warnings.extend(limits.sentences());
     let distilled = training.is_empty();
     let targets =
-        if distilled { Targets::Renders(cameras.list) } else { Targets::Photos(training) };
+        if distilled { Targets::Renders(cameras.pinholes()?) } else { Targets::Photos(training) };
     let mut choices = ::tune::TuneOptions::new(options.target());
     choices.layout = options.layout();
     choices.effort = TuneEffort::named(&options.effort).unwrap_or_default();

@@ -181,7 +181,11 @@ def test_lenses_are_read_and_named_where_renders_do_not_show_them(splats, tmp_pa
     cameras.write_text(bent)
     assert gsvx.read_cameras(tmp_path).lenses[0] == ("OPENCV", [0.1, 0.0, 0.01, 0.0])
     with pytest.warns(UserWarning, match=r"lens distortion \(OPENCV\)"):
-        gsvx.compress_to_bytes(splats, cameras=tmp_path, quality=30)
+        gsvx.compare(splats, splats, tmp_path)
+    wide = cameras.read_text().replace(" OPENCV ", " EQUIRECTANGULAR ").rsplit(" ", 6)[0]
+    cameras.write_text(wide)
+    with pytest.raises(gsvx.Error, match="a panorama"):
+        gsvx.render(splats, gsvx.read_cameras(tmp_path)[:1])
 
 
 def test_cameras_of_another_scene_are_an_error_or_a_warning(splats):

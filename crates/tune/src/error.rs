@@ -51,16 +51,42 @@ pub enum Error {
         /// The photos that are in its place.
         there: String,
     },
+    /// There are photos, but of a format that is not read.
+    #[error(
+        "{}: {count} photos in {} are .{extension}, which is not read; convert them to PNG or JPEG",
+        path.display(), folder.display()
+    )]
+    UnreadPhotos {
+        /// The scene.
+        path: PathBuf,
+        /// The folder of the photos.
+        folder: PathBuf,
+        /// Their number.
+        count: usize,
+        /// Their extension.
+        extension: String,
+    },
+    /// Grey photos of a model in colour.
+    #[error(
+        "all {views} photos are grey, and the model is not: a tune to them takes its colours away; use the photos in colour"
+    )]
+    GreyPhotos {
+        /// Number of photos.
+        views: usize,
+    },
     /// The photos show something else than the model, or are of other views than those of their cameras.
     #[error(
         "the photos do not show this model at their cameras: {psnr:.1} dB at {views} of them, and renders of other \
-         cameras resemble them as much or more; check that model, cameras and photos belong together"
+         cameras resemble them as much or more. {}",
+        cause_of_misfit(*turned)
     )]
     OtherPhotos {
         /// Number of photos that were compared.
         views: usize,
         /// Mean PSNR of the model at these photos, dB.
         psnr: f64,
+        /// They show the model turned by 180 degrees about x.
+        turned: bool,
     },
     /// A target in bytes below what the coarsest plan reaches.
     #[error(
@@ -124,3 +150,13 @@ pub enum Error {
 
 /// Results of this crate.
 pub type Result<T> = std::result::Result<T, Error>;
+
+/// Why photos do not show a model.
+fn cause_of_misfit(turned: bool) -> &'static str {
+    match turned {
+        true => {
+            "They do with the model turned by 180 degrees about x: its axes are those of another tool"
+        }
+        false => finetune::MISFIT_CAUSES,
+    }
+}

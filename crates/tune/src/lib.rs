@@ -31,7 +31,7 @@ pub use error::{Error, Result};
 pub use estimate::{Judged, doubt, encode_judged};
 pub use fine_tune::{FineTune, FineTuneOptions, FineTuned};
 pub use options::{DEFAULT_QUALITY, Layout, Target, TuneOptions};
-pub use photos::{Photos, at_camera, misfit, photo, photos};
+pub use photos::{Photos, at_camera, check_photos, photo, photos};
 pub use plan::{TuneEffort, TunePlan};
 pub use progress::{Progress, StageName, StopReason, TuneOutcome};
 pub use run::Tune;

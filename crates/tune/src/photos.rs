@@ -4,8 +4,8 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
-use finetune::{Photo, PhotoCheck, TrainView};
-use gs_model::{Camera, Scene, View, photos_beside};
+use finetune::{Photo, PhotoCheck, RenderOptions, TrainView, render};
+use gs_model::{Camera, Scene, View, photos_beside, pinholes, unread_photos_beside};
 use image::imageops::{FilterType, resize};
 use image::metadata::Orientation;
 use image::{DynamicImage, ImageDecoder, ImageReader, RgbImage};
@@ -17,6 +17,10 @@ use crate::undistort::undistorted;
 const LEFT_OUT: usize = 10;
 /// What photos save, in the mean of the scenes of docs/results/tune.md.
 const WORTH: &str = "76 % of the bytes instead of 70 %";
+/// Channels of a grey pixel differ by at most this, and on average by more than this in a model with colours.
+const GREY: u8 = 2;
+/// Views that are drawn to see whether a model has colours.
+const DRAWN: usize = 4;
 /// Names that a message lists.
 const LISTED: usize = 3;
 
@@ -33,12 +37,28 @@ impl Photos {
     /// Compares some photos with the model. Warns if they are exposed differently.
     ///
     /// # Errors
-    /// [`Error::OtherPhotos`] if they show something else than the model at their cameras, unless `force`.
+    /// Unless `force`: [`Error::GreyPhotos`] if they have no colours and the model has, [`Error::OtherPhotos`] if they show
+    /// something else than the model at their cameras.
     pub fn check(&mut self, scene: &Scene, force: bool) -> Result<()> {
+        if !self.views.is_empty()
+            && self
+                .views
+                .iter()
+                .all(|view| view.photo.rgb.chunks_exact(3).all(|p| spread(p) <= GREY))
+            && has_colours(scene, &self.views)
+        {
+            let views = self.views.len();
+            if !force {
+                return Err(Error::GreyPhotos { views });
+            }
+            self.warnings.push("the photos are grey: the tuned model turns grey".into());
+            return Ok(());
+        }
         let Some(found) = PhotoCheck::of(scene, &self.views) else { return Ok(()) };
         let PhotoCheck { views, psnr, fitted_psnr, .. } = found;
         if found.of_other_views() && !force {
-            return Err(Error::OtherPhotos { views, psnr });
+            let turned = show_turned(scene, &self.views);
+            return Err(Error::OtherPhotos { views, psnr, turned });
         }
         if found.of_other_exposure() {
             self.warnings.push(format!(
@@ -48,6 +68,23 @@ impl Photos {
         }
         Ok(())
     }
+}
+
+/// How much the channels of a pixel differ.
+fn spread(pixel: &[u8]) -> u8 {
+    let [least, most] = [u8::min, u8::max].map(|of| pixel.iter().copied().reduce(of).unwrap_or(0));
+    most - least
+}
+
+/// Whether renders of the scene at some of the views have colours.
+fn has_colours(scene: &Scene, views: &[TrainView]) -> bool {
+    let step = views.len().div_ceil(DRAWN).max(1);
+    views.iter().step_by(step).any(|view| {
+        let shown = render(scene, &view.camera, &RenderOptions::default()).to_rgb8();
+        let pixels = shown.chunks_exact(3);
+        let count = pixels.len() as u64;
+        pixels.map(|p| u64::from(spread(p))).sum::<u64>() > u64::from(GREY) * count
+    })
 }
 
 /// A photo at its camera.
@@ -61,14 +98,20 @@ struct Read {
 /// A tenth of the photos may be missing or broken: these are left out. Transparent pixels are composited on black.
 ///
 /// # Errors
-/// [`Error::NoPhotos`] if there are photos, but too few of them are those of the views; [`Error::Photo`] for the first photo that
-/// cannot be used, if too many cannot.
+/// [`Error::UnreadPhotos`] if there are only photos of a format that is not read; [`Error::NoPhotos`] if too few are those
+/// of the views; [`Error::Photo`] for the first photo that cannot be used, if too many cannot.
 pub fn photos(path: &Path, views: &[View]) -> Result<Photos> {
     let (there, missing): (Vec<&View>, Vec<&View>) = views.iter().partition(|v| v.has_photo());
     let Some(first) = missing.first() else { return read_all(&there, &[]) };
     let looked_for = &first.image_path;
     let others = photos_beside(looked_for)
         .map_err(|e| Error::Photo { file: looked_for.clone(), reason: gs_model::chain(&e) })?;
+    if there.is_empty()
+        && others.is_empty()
+        && let Some(unread) = unread(path, looked_for)?
+    {
+        return Err(unread);
+    }
     if there.is_empty() && others.is_empty() {
         let warning = format!(
             "{}: no photos ({} is not there): the targets are renders of the model; photos save \
@@ -93,30 +136,71 @@ pub fn photos(path: &Path, views: &[View]) -> Result<Photos> {
     read_all(&there, &missing)
 }
 
+/// The error of photos that are there, but of a format that is not read.
+fn unread(path: &Path, looked_for: &Path) -> Result<Option<Error>> {
+    let unread = unread_photos_beside(looked_for)
+        .map_err(|e| Error::Photo { file: looked_for.into(), reason: gs_model::chain(&e) })?;
+    let Some(first) = unread.first() else { return Ok(None) };
+    let (folder, extension) = (first.parent(), first.extension().unwrap_or_default());
+    let alike = |file: &&std::path::PathBuf| {
+        file.parent() == folder && file.extension() == first.extension()
+    };
+    Ok(Some(Error::UnreadPhotos {
+        path: path.into(),
+        folder: folder.unwrap_or(Path::new("")).into(),
+        count: unread.iter().filter(alike).count(),
+        extension: extension.to_string_lossy().into_owned(),
+    }))
+}
+
+/// Whether a photo shows more than the picture of a pinhole camera that is made of it.
+fn is_cropped(camera: &Camera) -> bool {
+    pinholes(Path::new(""), std::slice::from_ref(camera)).is_ok_and(|cameras| cameras.len() > 1)
+}
+
 /// Photos that are compared with renders before an encode, and their greatest size, pixels.
 const COMPARED: usize = 8;
 const COMPARED_PIXELS: u32 = 120_000;
 
-/// How some photos match the model, if they seem to be of other views than their cameras'. `None` if they match, or if
-/// fewer than two of them can be read.
-#[must_use]
-pub fn misfit(scene: &Scene, views: &[View]) -> Option<PhotoCheck> {
+/// Compares some photos of the views with the model, quickly. Where fewer than two of them can be read, nothing is
+/// compared.
+///
+/// # Errors
+/// [`Error::OtherPhotos`] if they show something else than the model at their cameras.
+pub fn check_photos(scene: &Scene, views: &[View]) -> Result<()> {
     let there: Vec<&View> = views.iter().filter(|v| v.has_photo()).collect();
     let step = there.len().div_ceil(COMPARED).max(1);
     let read = |view: &&View| photo(&view.camera, &view.image_path).ok();
     let chosen = there.into_iter().step_by(step).filter_map(|view| read(&view));
     let chosen: Vec<TrainView> = chosen.map(|view| smaller(&view, COMPARED_PIXELS)).collect();
-    PhotoCheck::of(scene, &chosen).filter(PhotoCheck::of_other_views)
+    match PhotoCheck::of(scene, &chosen).filter(PhotoCheck::of_other_views) {
+        Some(PhotoCheck { views, psnr, .. }) => {
+            Err(Error::OtherPhotos { views, psnr, turned: show_turned(scene, &chosen) })
+        }
+        None => Ok(()),
+    }
+}
+
+/// Whether the photos show the model turned by 180 degrees about x.
+fn show_turned(scene: &Scene, views: &[TrainView]) -> bool {
+    let step = views.len().div_ceil(COMPARED).max(1);
+    let turned = |view: &TrainView| {
+        let view = smaller(view, COMPARED_PIXELS);
+        TrainView { camera: view.camera.of_turned_model(), ..view }
+    };
+    let turned: Vec<TrainView> = views.iter().step_by(step).map(turned).collect();
+    PhotoCheck::of(scene, &turned).is_some_and(|check| !check.of_other_views())
 }
 
 fn read_all(there: &[&View], missing: &[&View]) -> Result<Photos> {
     let mut out = Photos::default();
     let mut left_out: Vec<String> = missing.iter().map(|v| name(&v.image_path)).collect();
-    let (mut masked, mut broken) = (0, Vec::new());
+    let (mut masked, mut cropped, mut broken) = (0, 0, Vec::new());
     for view in there {
         match read(&view.camera, &view.image_path) {
             Ok(read) => {
                 masked += usize::from(read.masked);
+                cropped += usize::from(is_cropped(&view.camera));
                 out.views.push(read.view);
             }
             Err(error) => {
@@ -137,6 +221,12 @@ fn read_all(there: &[&View], missing: &[&View]) -> Result<Photos> {
             "{} of {all} photos are missing or broken and are left out: {}",
             left_out.len(),
             listed(left_out.iter().cloned())
+        ));
+    }
+    if cropped > 0 {
+        out.warnings.push(format!(
+            "{cropped} of {all} photos show more than a picture without distortion can: what only their borders show \
+             counts as unseen"
         ));
     }
     if masked > 0 {
@@ -178,7 +268,13 @@ pub fn at_camera(camera: &Camera, photo: Photo) -> std::result::Result<TrainView
     let (w, h) = (photo.width, photo.height);
     let Some(scaled) = camera.scaled_to(w, h) else {
         let (width, height) = (camera.width, camera.height);
-        return Err(format!("{w}x{h}, which is not its camera's aspect ratio ({width}x{height})"));
+        let turned = camera.scaled_to(h, w).is_some();
+        return Err(match turned {
+            true => format!(
+                "{w}x{h}, but its camera has {width}x{height}: the photo is turned by 90 degrees; turn it back"
+            ),
+            false => format!("{w}x{h}, which is not its camera's aspect ratio ({width}x{height})"),
+        });
     };
     let (camera, photo) = undistorted(scaled, photo)?;
     Ok(TrainView { camera, photo })

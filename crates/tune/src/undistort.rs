@@ -19,14 +19,15 @@ const ALONG_WAY: u32 = 16;
 /// Why it cannot be done.
 pub(crate) fn undistorted(camera: Camera, photo: Photo) -> Result<(Camera, Photo), String> {
     let Some(lens) = &camera.lens else { return Ok((camera, photo)) };
-    let remedy = "undistort the photos with `colmap image_undistorter`";
-    let Some(bending) = lens.bending() else {
-        return Err(format!("the lens model {} is not known: {remedy}", lens.model));
-    };
-    let Some(zoom) = zoom(&camera, &bending) else {
+    if let Some(reason) = gs_model::too_wide(&camera) {
+        return Err(reason);
+    }
+    let zoomed = lens.bending().and_then(|bending| Some((bending, zoom(&camera, &bending)?)));
+    let Some((bending, zoom)) = zoomed else {
         let Lens { model, .. } = lens;
         return Err(format!(
-            "the lens ({model}) distorts more than a pinhole camera can show: {remedy}"
+            "the lens ({model}) distorts more than a pinhole camera can show: undistort the photos with \
+             `colmap image_undistorter`"
         ));
     };
     let straight =
@@ -154,6 +155,8 @@ mod tests {
             ("FULL_OPENCV", &[0.1, 0.02, 0.001, 0.002, 0.01, 0.2, 0.01, 0.0]),
             ("OPENCV_FISHEYE", &[0.05, -0.01, 0.002, 0.0]),
             ("RADIAL_FISHEYE", &[-0.02, 0.01]),
+            ("FOV", &[0.5]),
+            ("THIN_PRISM_FISHEYE", &[0.02, 0.0, 0.002, 0.001, 0.0, 0.0, 0.002, 0.001]),
         ] {
             let lens = Lens { model: model.into(), coefficients: coefficients.to_vec() };
             let bending = lens.bending().unwrap();
@@ -184,7 +187,8 @@ mod tests {
             let lens = Lens { model: model.into(), coefficients: coefficients.to_vec() };
             undistorted(camera(lens), Photo::black(160, 120)).unwrap_err()
         };
-        assert!(of("FOV", &[0.9]).contains("FOV is not known"));
+        assert!(of("ORTHO", &[0.9]).contains("ORTHO is not known"));
+        assert!(of("EQUIRECTANGULAR", &[]).contains("a panorama"));
         for k in [-1e6, f64::NAN, f64::INFINITY] {
             assert!(of("SIMPLE_RADIAL", &[k]).contains("SIMPLE_RADIAL) distorts more"));
         }

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use crate::error::Error;
+use crate::lens::PANORAMA;
 
 /// A row of the cameras file.
 pub(super) struct Intrinsics {
@@ -34,7 +35,7 @@ pub struct Point {
 /// COLMAP's camera models, each at the index that is its id: name, number of parameters, and
 /// how many of these are focal lengths. The focal lengths come first, then `cx` and `cy`, then the
 /// distortion (`src/colmap/sensor/models.h`).
-pub(super) const MODELS: [(&str, usize, usize); 12] = [
+pub(super) const MODELS: [(&str, usize, usize); 18] = [
     ("SIMPLE_PINHOLE", 3, 1),
     ("PINHOLE", 4, 2),
     ("SIMPLE_RADIAL", 4, 1),
@@ -47,6 +48,13 @@ pub(super) const MODELS: [(&str, usize, usize); 12] = [
     ("RADIAL_FISHEYE", 5, 1),
     ("THIN_PRISM_FISHEYE", 12, 2),
     ("RAD_TAN_THIN_PRISM_FISHEYE", 16, 2),
+    ("SIMPLE_DIVISION", 4, 1),
+    ("DIVISION", 5, 2),
+    ("SIMPLE_FISHEYE", 3, 1),
+    ("FISHEYE", 4, 2),
+    ("EUCM", 6, 2),
+    // Its parameters are width and height.
+    (PANORAMA, 2, 0),
 ];
 
 /// A camera model, as its index in [`MODELS`].
@@ -63,8 +71,8 @@ impl CameraModel {
         MODELS[self.0].1
     }
 
-    pub(super) fn has_one_focal_length(self) -> bool {
-        MODELS[self.0].2 == 1
+    pub(super) fn focal_lengths(self) -> usize {
+        MODELS[self.0].2
     }
 }
 

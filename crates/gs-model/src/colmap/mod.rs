@@ -20,12 +20,11 @@ use crate::error::{Error, Result};
 use crate::fs;
 use crate::lens::Lens;
 
-/// True if `dir` holds a sparse model: `cameras` and `images`, `.bin` or `.txt`.
-pub(crate) fn is_model(dir: &Path) -> bool {
-    let has = |extension: &str| {
-        ["cameras", "images"].iter().all(|stem| dir.join(stem).with_extension(extension).is_file())
-    };
-    has("bin") || has("txt")
+/// Which of the files of a sparse model, `cameras` and `images`, `.bin` or `.txt`, are in a folder.
+pub(crate) fn parts(dir: &Path) -> [bool; 2] {
+    ["cameras", "images"].map(|stem| {
+        ["bin", "txt"].iter().any(|extension| dir.join(stem).with_extension(extension).is_file())
+    })
 }
 
 /// Reads the posed images of the sparse model in `dir` (say `sparse/0`), in file order.
@@ -68,7 +67,7 @@ pub fn read_points(dir: impl AsRef<Path>) -> Result<Vec<Point>> {
     let bytes = fs::read(&file)?;
     let points = match form {
         Form::Binary => binary::points(&file, &bytes)?,
-        Form::Text => text::points(&file, &bytes)?,
+        Form::Text => text::points(&file, &fs::text(&bytes))?,
     };
     let finite = |p: &Point| p.position.iter().all(|v| v.is_finite());
     if let Some(i) = points.iter().position(|p| !finite(p)) {
@@ -83,14 +82,14 @@ pub fn read_points(dir: impl AsRef<Path>) -> Result<Vec<Point>> {
 fn cameras(file: &Path, bytes: &[u8], form: Form) -> Result<Vec<Intrinsics>> {
     match form {
         Form::Binary => binary::cameras(file, bytes),
-        Form::Text => text::cameras(file, bytes),
+        Form::Text => text::cameras(file, &fs::text(bytes)),
     }
 }
 
 fn images(file: &Path, bytes: &[u8], form: Form) -> Result<Vec<PosedImage>> {
     match form {
         Form::Binary => binary::images(file, bytes),
-        Form::Text => text::images(file, bytes),
+        Form::Text => text::images(file, &fs::text(bytes)),
     }
 }
 
@@ -143,9 +142,11 @@ fn posed(
 ) -> Result<Camera> {
     let Intrinsics { id, model, width, height, ref params } = *intrinsics;
     let view = format!("camera {id}");
-    let (fx, fy, cx, cy, bent) = match *params.as_slice() {
-        [f, cx, cy, ref bent @ ..] if model.has_one_focal_length() => (f, f, cx, cy, bent),
-        [fx, fy, cx, cy, ref bent @ ..] => (fx, fy, cx, cy, bent),
+    let (w, h) = (width as f64, height as f64);
+    let (fx, fy, cx, cy, bent) = match (model.focal_lengths(), params.as_slice()) {
+        (0, _) => (w / 2.0, w / 2.0, w / 2.0, h / 2.0, &[][..]),
+        (1, &[f, cx, cy, ref bent @ ..]) => (f, f, cx, cy, bent),
+        (_, &[fx, fy, cx, cy, ref bent @ ..]) => (fx, fy, cx, cy, bent),
         _ => return Err(camera::bad(cameras_file, view, "too few parameters")),
     };
     let (width, height) = checked_size(cameras_file, &view, width, height)?;
@@ -159,8 +160,9 @@ fn posed(
     let rotation =
         DMat3::from_quat(DQuat::from_xyzw(x / length, y / length, z / length, w / length));
     let translation = DVec3::from_array(image.translation);
-    let lens = if bent.is_empty() { None } else { Lens::new(model.name(), bent) };
-    let name = image.name;
+    let lens = Lens::new(model.name(), bent);
+    // Windows tools.
+    let name = image.name.replace('\\', "/");
     Camera { name, width, height, fx, fy, cx, cy, rotation, translation, lens, near: NEAR }
         .checked(images_file)
 }

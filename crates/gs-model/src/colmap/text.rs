@@ -73,10 +73,27 @@ pub(super) fn cameras(file: &Path, bytes: &[u8]) -> Result<Vec<Intrinsics>> {
     Ok(cameras)
 }
 
-/// Two lines per image; the second lists its points and is empty if it has none.
+/// Whether a line lists points: three numbers for each. The tenth word of an image is its name.
+fn lists_points(line: &Line) -> bool {
+    let mut words = 0;
+    let mut rest = Line { rest: line.whole, ..*line };
+    loop {
+        let word = rest.word();
+        if word.is_empty() {
+            return words % 3 == 0;
+        }
+        words += 1;
+        let number = || std::str::from_utf8(word).is_ok_and(|w| w.parse::<f64>().is_ok());
+        if (words == 1 || words == 10) && !number() {
+            return false;
+        }
+    }
+}
+
+/// Two lines per image; the second lists its points, and is empty if it has none. Some tools leave that one out.
 pub(super) fn images(file: &Path, bytes: &[u8]) -> Result<Vec<PosedImage>> {
     let mut images = Vec::new();
-    let mut all = lines(file, bytes);
+    let mut all = lines(file, bytes).peekable();
     while let Some(mut line) = all.next() {
         if !holds_data(&line) {
             continue;
@@ -91,7 +108,8 @@ pub(super) fn images(file: &Path, bytes: &[u8]) -> Result<Vec<PosedImage>> {
             return Err(line.error("image name"));
         }
         images.push(PosedImage { name, camera, rotation, translation });
-        all.next();
+        // A line that is neither is read as an image, whose error names it.
+        all.next_if(|next| next.whole.is_empty() || lists_points(next));
     }
     Ok(images)
 }

@@ -18,6 +18,7 @@ use crate::output::{Output, counted, is_stdio};
 use crate::progress::Meter;
 use crate::report::Reporter;
 use crate::stream_file::StreamFile;
+use crate::views::Origin;
 use anyhow::{Error, Result};
 use gsvx::{Choices, Index};
 use indicatif::DecimalBytes;
@@ -93,9 +94,16 @@ pub(crate) fn plan(args: &SceneArgs, choices: Choices, report: Reporter) -> Resu
     let (count, tiles) = (plan.plan.count(), plan.plan.tile_counts().len());
     let seconds = start.elapsed().as_secs_f64();
     let (of, into) = (counted(count, "Gaussian"), counted(tiles, "tile"));
-    let json = json!({ "gaussians": count, "tiles": tiles, "plan_seconds": seconds });
+    let origin = sight.and_then(|sight| sight.origin.as_ref());
+    let json = json!({
+        "gaussians": count,
+        "tiles": tiles,
+        "cameras": origin.map(Origin::json),
+        "plan_seconds": seconds,
+    });
     warn_of_coarse_cells(&plan);
-    report.wrote(&written, &format!("{of} in {into}, planned in {seconds:.2} s"), json)
+    let human = format!("{of} in {into}, planned in {seconds:.2} s{}", line(origin));
+    report.wrote(&written, &human, json)
 }
 
 /// `gsvx encode --part`.
@@ -144,6 +152,11 @@ pub(crate) fn encode(args: &SceneArgs, choices: Choices, report: Reporter) -> Re
     work.encode(at_once, start)?.write(output, "", report)?;
     scratch.remove();
     Ok(())
+}
+
+/// A further line that says where cameras are from.
+fn line(origin: Option<&Origin>) -> String {
+    origin.map_or_else(String::new, |origin| format!("\n{}", origin.human()))
 }
 
 fn warn_of_coarse_cells(plan: &PlanFile) {
@@ -209,7 +222,8 @@ impl<'a> Work<'a> {
         let input_bytes = plan.inputs.iter().map(|i| i.bytes).sum();
         let transparent = plan.inputs.iter().map(|i| i.transparent).sum();
         let (gaussians, tiles) = (self.gaussians(), step.elapsed().as_secs_f64());
-        Ok(TileStreams { streams, gaussians, transparent, input_bytes, before, tiles })
+        let cameras = sight.and_then(|sight| sight.origin.clone());
+        Ok(TileStreams { streams, gaussians, transparent, input_bytes, cameras, before, tiles })
     }
 }
 
@@ -220,6 +234,7 @@ struct TileStreams {
     /// Of all inputs: those that no rasterizer draws.
     transparent: u64,
     input_bytes: u64,
+    cameras: Option<Origin>,
     /// Seconds until the tiles were begun, and of the tiles.
     before: f64,
     tiles: f64,
@@ -238,14 +253,15 @@ impl TileStreams {
         })?;
         let join = step.elapsed().as_secs_f64();
         let (bytes, coded) = (index.stream_len(), index.header.count);
-        let Self { streams, gaussians, transparent, input_bytes, before, tiles } = self;
+        let Self { streams, gaussians, transparent, input_bytes, cameras, before, tiles } = self;
         let human = format!(
             "{gaussians} Gaussians coded as {coded}, {} -> {} ({:.1} bits per Gaussian), {}\n\
-             read and partition {before:.2} s, encode {tiles:.2} s, join {join:.2} s",
+             read and partition {before:.2} s, encode {tiles:.2} s, join {join:.2} s{}",
             DecimalBytes(input_bytes),
             DecimalBytes(bytes),
             8.0 * bytes as f64 / coded.max(1) as f64,
             counted(streams.len(), "tile"),
+            line(cameras.as_ref()),
         );
         let json = json!({
             "bytes": bytes,
@@ -254,6 +270,7 @@ impl TileStreams {
             "gaussians": coded,
             "transparent": transparent,
             "tiles": streams.len(),
+            "cameras": cameras.as_ref().map(Origin::json),
             "partition_seconds": before,
             "encode_seconds": tiles,
             "join_seconds": join,

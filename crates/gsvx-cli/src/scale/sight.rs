@@ -1,7 +1,7 @@
 //! What cameras see of a scene, tile by tile: of each tile from the cameras that can see it, with nothing else in front.
 
 use super::inputs::changed;
-use crate::views;
+use crate::views::{self, Origin, Placed};
 use anyhow::Result;
 use finetune::Visibility;
 use gs_model::{Camera, Scene};
@@ -21,12 +21,14 @@ pub(crate) struct CameraFile {
 pub(crate) struct Sight {
     path: PathBuf,
     cameras: Vec<Camera>,
+    pub(super) origin: Option<Origin>,
 }
 
 impl Sight {
     /// Reads the cameras of a scene folder or of a camera file.
     pub(crate) fn read(path: &Path) -> Result<Self> {
-        Ok(Self { path: path.into(), cameras: views::cameras(path)? })
+        let Placed { cameras, origin } = views::cameras(path)?;
+        Ok(Self { path: path.into(), cameras, origin })
     }
 
     /// What stands in the plan.

@@ -111,7 +111,7 @@ def read_cameras(path: PathLike, split: str = "all") -> Cameras:
     """Reads cameras, sorted by image name.
 
     ``path``: a scene folder (COLMAP project, output of Inria's trainer, or one with a transforms.json), a
-    cameras.json or a transforms.json. ``split``: "all"; "test" for the first and every 8th after it, which
+    folder or file in it, a cameras.json or a transforms.json. ``split``: "all"; "test" for the first and every 8th after it, which
     this project and the literature hold out for measuring; "train" for the others. Of a lens that
     distorts ``lenses`` holds the model.
 
@@ -128,12 +128,14 @@ def read_cameras(path: PathLike, split: str = "all") -> Cameras:
 
 def _read(path: PathLike) -> Cameras:
     found = _gsvx.read_cameras(os.fspath(path))
+    for note in found.pop("notes"):
+        warnings.warn(note, stacklevel=3)
     found["photos"] = [os.fspath(photo) for photo in found["photos"]]
     return Cameras(**found, name=os.fspath(path))
 
 
-def _as_cameras(cameras: CamerasLike, training: bool, photos: bool = False) -> Cameras:
-    """Cameras of any kind; of a path the training views or all. Warns of lenses unless photos are undistorted."""
+def _as_cameras(cameras: CamerasLike, training: bool) -> Cameras:
+    """Cameras of any kind; of a path the training views or all. Warns of lenses where renders do not show them."""
     if isinstance(cameras, Cameras):
         return cameras
     if not isinstance(cameras, (str, os.PathLike)):
@@ -148,7 +150,7 @@ def _as_cameras(cameras: CamerasLike, training: bool, photos: bool = False) -> C
     if not len(found):
         raise _gsvx.Error(f"{os.fspath(cameras)}: no cameras")
     bent = [lens for lens in found.lenses if lens]
-    if bent and not photos:
+    if bent and not training:
         warnings.warn(
             f"{os.fspath(cameras)}: {len(bent)} of {len(found)} cameras have lens distortion ({bent[0][0]}), "
             "which renders do not show",

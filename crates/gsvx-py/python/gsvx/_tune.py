@@ -60,7 +60,7 @@ def tune(
     check_writable(path)
     _check(quality, target_bytes, target_psnr, effort)
     check_numbers({"seed": seed}, {})
-    views = _as_cameras(cameras, training=True, photos=not distil)
+    views = _as_cameras(cameras, training=True)
     used = None if distil or photos is None else _photos(photos)
     options = dict(
         quality=quality,

@@ -1,0 +1,128 @@
+//! The JSON of camera files, as tools write it: with a byte order mark, with Python's `NaN`, with numbers as text.
+
+use std::path::Path;
+
+use serde_json::Value;
+use serde_json::error::Category;
+
+use crate::error::{Error, Result};
+use crate::fs;
+
+/// Parses a camera file. Numbers that JSON does not have (`NaN`, `Infinity`) are null.
+///
+/// # Errors
+/// [`Error::Malformed`] with line and column.
+pub(crate) fn parse(file: &Path, bytes: &[u8]) -> Result<Value> {
+    let text = without_nan(&fs::text(bytes));
+    serde_json::from_slice(&text).map_err(|e| {
+        let place = format!("line {}, column {}", e.line(), e.column());
+        let reason = match e.classify() {
+            _ if text.trim_ascii().is_empty() => "it is empty; export the cameras again".into(),
+            Category::Eof => "the JSON ends too early; copy or export the file again".into(),
+            _ => {
+                let why = e.to_string();
+                let why = why.split(" at line ").next().unwrap_or_default();
+                format!("broken JSON ({why}); correct it there, or export the file again")
+            }
+        };
+        Error::malformed(file, &place, reason)
+    })
+}
+
+/// The text with null for the numbers that Python writes and JSON does not have.
+fn without_nan(text: &[u8]) -> Vec<u8> {
+    const WORDS: [&[u8]; 3] = [b"NaN", b"-Infinity", b"Infinity"];
+    let mut out = Vec::with_capacity(text.len());
+    let (mut at, mut quoted) = (0, false);
+    while let Some(&byte) = text.get(at) {
+        let rest = &text[at..];
+        let word = WORDS.into_iter().find(|word| !quoted && rest.starts_with(word));
+        let taken = match (word, byte) {
+            (Some(word), _) => {
+                out.extend_from_slice(b"null");
+                at += word.len();
+                continue;
+            }
+            (_, b'\\') if quoted => 2.min(rest.len()),
+            (_, b'"') => {
+                quoted = !quoted;
+                1
+            }
+            _ => 1,
+        };
+        out.extend_from_slice(&rest[..taken]);
+        at += taken;
+    }
+    out
+}
+
+/// A number, also one that is written as text.
+pub(crate) fn number(value: &Value) -> Option<f64> {
+    match value {
+        Value::String(text) => text.trim().parse().ok().filter(|v: &f64| v.is_finite()),
+        other => other.as_f64(),
+    }
+}
+
+/// All numbers of nested lists, in order; `None` if there is anything else, or more than `most`.
+pub(crate) fn numbers(value: &Value, most: usize) -> Option<Vec<f64>> {
+    let mut out = Vec::new();
+    let lists = match value {
+        Value::Array(items) => items.iter().map(|item| match item {
+            Value::Array(row) => row.iter(),
+            one => std::slice::from_ref(one).iter(),
+        }),
+        _ => return None,
+    };
+    for item in lists.flatten() {
+        if out.len() == most {
+            return None;
+        }
+        out.push(number(item)?);
+    }
+    Some(out)
+}
+
+/// A text, or a number as text.
+pub(crate) fn text(value: &Value) -> Option<String> {
+    match value {
+        Value::String(text) => Some(text.clone()),
+        Value::Number(number) => Some(number.to_string()),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn what_python_writes_is_read() {
+        let read = |text: &[u8]| parse(Path::new("-"), text).unwrap();
+        let text = br#"{"a": NaN, "b": [-Infinity, Infinity, -1], "NaN\"NaN": "Infinity \\"}"#;
+        let found = json!({"a": null, "b": [null, null, -1], "NaN\"NaN": "Infinity \\"});
+        assert_eq!(read(text), found);
+        assert_eq!(read(&[b"\xef\xbb\xbf", &text[..]].concat()), found);
+        let wide: Vec<u8> = b"\xff\xfe{\0}\0".to_vec();
+        assert_eq!(read(&wide), json!({}));
+    }
+
+    #[test]
+    fn broken_json_is_said_in_plain_words() {
+        let said =
+            |text: &str| crate::chain(&parse(Path::new("a.json"), text.as_bytes()).unwrap_err());
+        assert!(said("[1, 2").contains("a.json: line 1, column 5: the JSON ends too early"));
+        assert!(said("[1,\n x]").contains("line 2, column 2: broken JSON"));
+        assert!(said(" ").contains("it is empty"));
+    }
+
+    #[test]
+    fn numbers_may_be_text() {
+        assert_eq!(number(&json!(" 1e3")), Some(1000.0));
+        assert_eq!(number(&json!("NaN")), None);
+        assert_eq!(numbers(&json!([[1, "2"], [3, 4]]), 4), Some(vec![1.0, 2.0, 3.0, 4.0]));
+        assert_eq!(numbers(&json!([[1, 2], [3, 4]]), 3), None);
+        assert_eq!(numbers(&json!([null]), 3), None);
+    }
+}
