@@ -104,6 +104,13 @@ impl Camera {
         }
     }
 
+    /// The same view of a scene whose means are relative to `origin`, which the camera's position is not.
+    #[must_use]
+    pub fn relative_to(self, origin: [f64; 3]) -> Self {
+        let translation = self.translation + self.rotation * DVec3::from_array(origin);
+        Self { translation, ..self }
+    }
+
     /// What this camera sees of a model that is turned by 180 degrees about x is what the result sees of the model as it
     /// is: y and z change their signs between tools.
     #[must_use]

@@ -367,7 +367,7 @@ fn encoded(args: &EncodeArgs, name: &str, scene: Scene) -> Result<Done> {
     let (mut seen_share, mut importance, mut cameras, mut origin) = (None, None, None, None);
     let mut doubted = false;
     if let Some(path) = &content.cameras {
-        let read = views::training(path)?;
+        let read = views::training(path, scene.origin)?;
         doubted = photos::doubt_cameras(&scene, path, &read.views, content.drop_unseen)?;
         let Placed { cameras: training, origin: from } = views::as_pinholes(path, read)?;
         if !doubted {

@@ -176,7 +176,7 @@ impl TuneArgs {
             }
             (None, None) => return Err(usage("give --cameras or --orbit")),
         };
-        let read = views::training(path)?;
+        let read = views::training(path, scene.origin)?;
         if !self.distil {
             let found = photos::photos(scene, path, &read.views, self.force_photos)?;
             if !found.is_empty() {

@@ -53,6 +53,7 @@ impl WhichViews {
             .into_iter()
             .step_by(self.every as usize)
             .filter(|c| self.view.as_ref().is_none_or(|name| c.name == *name))
+            .map(|c| if origin.is_some() { c.relative_to(scene.origin) } else { c })
             .map(|c| scaled(c, self.scale))
             .collect();
         if chosen.is_empty() {
@@ -194,11 +195,12 @@ pub(crate) fn around(orbit: &Orbit, n: u32, path: &Path, scene: &Scene) -> Resul
     Ok(cameras)
 }
 
-/// The views, which `path` names, that are not held out for measuring.
-pub(crate) fn training(path: &Path) -> Result<Read> {
+/// The views, which `path` names, that are not held out for measuring, relative to the origin of a scene.
+pub(crate) fn training(path: &Path, scene_origin: [f64; 3]) -> Result<Read> {
     let Read { views, mut origin } = read(path)?;
     let kept = views.into_iter().enumerate().filter(|(i, _)| i % HOLD_OUT_EVERY != 0);
-    let views: Vec<View> = kept.map(|(_, view)| view).collect();
+    let moved = |view: View| View { camera: view.camera.relative_to(scene_origin), ..view };
+    let views: Vec<View> = kept.map(|(_, view)| moved(view)).collect();
     if views.is_empty() {
         let name = path.display();
         bail!("{name}: a single camera is held out for measuring; give two or more");
@@ -214,7 +216,7 @@ pub(crate) fn training(path: &Path) -> Result<Read> {
 
 /// The training cameras of a scene folder or of a camera file: pinhole cameras that show what the photos show.
 pub(crate) fn cameras(path: &Path) -> Result<Placed> {
-    as_pinholes(path, training(path)?)
+    as_pinholes(path, training(path, [0.0; 3])?)
 }
 
 /// Pinhole cameras that show what the photos of the views show.

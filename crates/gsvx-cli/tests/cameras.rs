@@ -158,6 +158,27 @@ fn photos_that_show_something_else_keep_their_cameras_from_deciding() {
 }
 
 #[test]
+fn cameras_stand_where_a_model_far_from_the_origin_does() {
+    let dir = tempfile::tempdir().unwrap();
+    let [model, json, stream] =
+        ["far.ply", "cameras.json", "a.gsvx"].map(|name| dir.path().join(name));
+    let (mut scene, _) = gs_model::ply::read(common::model()).unwrap();
+    let far = [4.5e5, 5.2e6, 120.0];
+    scene.origin = far;
+    gs_model::ply::write(&model, &scene).unwrap();
+    write_json(
+        &json,
+        &cameras().into_iter().map(|c| c.relative_to(far.map(|x| -x))).collect::<Vec<_>>(),
+    );
+    let words = ["encode", "@", "-o", "@", "--cameras", "@"];
+    let (made, said) = report(&words, &[&model, &stream, &json]);
+    assert!(made["seen_opacity_share"].as_f64().unwrap() > 0.9, "{said}");
+    let compare = ["compare", "@", "@", "--every", "8", "--cameras", "@"];
+    let (judged, _) = report(&compare, &[&model, &stream, &json]);
+    assert!(judged["psnr"].as_f64().unwrap() > 40.0, "{judged}");
+}
+
+#[test]
 fn a_model_that_stands_on_its_head_beside_its_photos_is_said_to() {
     let dir = tempfile::tempdir().unwrap();
     let [model, stream] = ["kept.spz", "a.gsvx"].map(|name| dir.path().join(name));

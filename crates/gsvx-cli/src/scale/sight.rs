@@ -39,7 +39,9 @@ impl Sight {
 
     /// What they see of a tile.
     pub(crate) fn of(&self, tile: &Scene) -> Visibility {
-        let Ok(seen) = Visibility::of(tile, &self.cameras, |_| Ok::<_, Infallible>(()));
+        let moved = |camera: &Camera| camera.clone().relative_to(tile.origin);
+        let cameras: Vec<Camera> = self.cameras.iter().map(moved).collect();
+        let Ok(seen) = Visibility::of(tile, &cameras, |_| Ok::<_, Infallible>(()));
         seen
     }
 
