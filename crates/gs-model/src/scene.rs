@@ -145,6 +145,22 @@ impl Scene {
         Some(logits.filter(|(_, logit)| !transparent(logit)).map(|(i, _)| i).collect())
     }
 
+    /// Keeps only the Gaussians at `indices`, which ascend, in the memory that the scene has.
+    pub fn keep(&mut self, indices: &[usize]) {
+        fn compact<T: Copy>(all: &mut Vec<T>, indices: &[usize], each: usize) {
+            for (to, &from) in indices.iter().enumerate() {
+                all.copy_within(each * from..each * (from + 1), each * to);
+            }
+            all.truncate(each * indices.len());
+        }
+        let sh_len = self.sh_len();
+        compact(&mut self.means, indices, 1);
+        compact(&mut self.rotations, indices, 1);
+        compact(&mut self.log_scales, indices, 1);
+        compact(&mut self.opacity_logits, indices, 1);
+        compact(&mut self.sh, indices, sh_len);
+    }
+
     /// A scene with the Gaussians at `indices`, in that order (repeats allowed).
     #[must_use]
     pub fn select(&self, indices: &[usize]) -> Self {

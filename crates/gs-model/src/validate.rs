@@ -92,7 +92,7 @@ impl Scene {
     pub fn drop_invalid(&mut self) -> usize {
         let count = self.invalid().map_or(0, |invalid| invalid.count);
         if count > 0 || self.check_shape().is_err() {
-            *self = self.select(&self.valid_indices());
+            self.keep(&self.valid_indices());
         }
         count
     }

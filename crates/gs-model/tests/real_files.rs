@@ -55,7 +55,7 @@ fn other_ply_files_are_told_apart() {
     let (scene, report) = ply::read(&path).unwrap();
     assert_eq!((report.format, scene.len()), ("compressed-ply", 152_746));
     let Some(path) = shared("scenes/cameras/playroom/points.ply") else { return };
-    says(ply::read(&path), "not a 3DGS model in the Inria layout");
+    says(ply::read(&path), "it is a plain point cloud");
 }
 
 /// SOG of version 1, as public repositories hold it.

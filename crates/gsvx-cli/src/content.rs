@@ -101,6 +101,11 @@ impl Content {
         preset.or(self.quality).unwrap_or(DEFAULT_QUALITY)
     }
 
+    /// The highest SH degree that is kept.
+    pub(crate) fn max_sh_degree(&self) -> u8 {
+        self.max_sh_degree
+    }
+
     /// An encoder that keeps this.
     pub(crate) fn encoder<'a>(&self, aim: Aim<'a>) -> Encoder<'a> {
         let mut encoder = Encoder::new(aim);

@@ -361,9 +361,22 @@ impl Done {
     }
 }
 
+/// Leaves out what no rasterizer draws, and returns how many Gaussians these are. The encoder does it too, in a copy.
+fn leave_out_transparent(args: &EncodeArgs, scene: &mut Scene) -> gsvx::Result<usize> {
+    let (all, drawn) = (scene.len(), scene.drawn().unwrap_or_default());
+    if args.lossless || args.max_error.is_some() || drawn.is_empty() {
+        return Ok(0);
+    }
+    // An error names the Gaussian of the file.
+    gsvx::check_values(scene, args.scene.content.max_sh_degree(), 0)?;
+    scene.keep(&drawn);
+    Ok(all - scene.len())
+}
+
 /// The stream that the flags ask for.
-fn encoded(args: &EncodeArgs, name: &str, scene: Scene) -> Result<Done> {
+fn encoded(args: &EncodeArgs, name: &str, mut scene: Scene) -> Result<Done> {
     let content = &args.scene.content;
+    let transparent = leave_out_transparent(args, &mut scene).with_context(|| name.to_owned())?;
     let (mut seen_share, mut importance, mut cameras, mut origin) = (None, None, None, None);
     let mut doubted = false;
     if let Some(path) = &content.cameras {
@@ -406,7 +419,8 @@ fn encoded(args: &EncodeArgs, name: &str, scene: Scene) -> Result<Done> {
             path.display()
         ));
     }
-    let Judged { made, loss, seconds, .. } = judged;
+    let Judged { mut made, loss, seconds, .. } = judged;
+    made.encoded.transparent += transparent;
     let weights = encoder.options.importance.as_ref();
     if let (Some(share), Some(weights), Some(rows)) = (&mut seen_share, weights, &made.encoded.rows)
     {

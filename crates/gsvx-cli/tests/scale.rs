@@ -311,7 +311,7 @@ fn cameras_change_no_byte_between_one_machine_and_parts() {
     one_line(&part.unwrap(), "cameras.json: has changed since the plan was made");
     let nothing =
         of(&["plan"], &[at("a.ply")], &at("plan3")).arg("--cameras").arg(&cameras).output();
-    one_line(&nothing.unwrap(), "these cameras see nothing of the model");
+    common::failed(&nothing.unwrap(), "these cameras see nothing of the model");
 }
 
 /// Kills a command again and again, each time later, until it ends. Returns how often, and how often it

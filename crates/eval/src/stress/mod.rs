@@ -123,7 +123,6 @@ mod tests {
             "one infinite mean",
             "one NaN opacity",
             "one infinite scale",
-            "scale of zero (-inf)",
             "one NaN SH coefficient",
             "a zero quaternion",
             "a quaternion of -0",
