@@ -166,7 +166,7 @@ impl Columns {
 
     /// Where the origin of the scene's means lies.
     pub(super) fn scene_origin(&self, header: &PlyHeader) -> [f64; 3] {
-        let named = origin::of_file(header);
+        let named = origin::of_file(&header.comments);
         std::array::from_fn(|k| named[k] + self.origin[k])
     }
 

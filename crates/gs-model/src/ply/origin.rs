@@ -1,8 +1,6 @@
 //! Positions far from the origin: doubles that floats would round are kept relative to an origin, which files name in
 //! a comment, `comment origin X Y Z`.
 
-use super::header::PlyHeader;
-
 /// Rows that decide whether positions need an origin.
 pub(super) const SAMPLE: usize = 1000;
 /// A step of floats above this part of a Gaussian's largest axis is avoided.
@@ -56,8 +54,8 @@ pub(super) fn of_comment(comment: &str) -> Option<[f64; 3]> {
 }
 
 /// The origin that a file names; 0 without one.
-pub(super) fn of_file(header: &PlyHeader) -> [f64; 3] {
-    header.comments.iter().find_map(|c| of_comment(c)).unwrap_or_default()
+pub(super) fn of_file(comments: &[String]) -> [f64; 3] {
+    comments.iter().find_map(|c| of_comment(c)).unwrap_or_default()
 }
 
 /// A sentence about an origin that was chosen.

@@ -56,7 +56,7 @@ pub(super) fn read(file: &Path, bytes: &[u8], header: &PlyHeader) -> Result<(Sce
     let antialiased = header.antialiased().unwrap_or(false);
     let scene = Scene {
         antialiased,
-        origin: origin::of_file(header),
+        origin: origin::of_file(&header.comments),
         ..decoder.scene(n, sh_degree.min(3))
     };
     let mut report = Report::of(FORMAT.name, "PlayCanvas compressed.ply");
