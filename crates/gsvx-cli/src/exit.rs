@@ -1,7 +1,6 @@
 //! How the command ends: its exit codes, and the one line that says what went wrong.
 
-use crate::interrupt::INTERRUPTED;
-use crate::output::Ledger;
+use crate::ledger::Ledger;
 use std::fmt::Display;
 use std::io::{ErrorKind, Write};
 use std::path::Path;
@@ -22,6 +21,8 @@ Exit codes:
 const FAILED: u8 = 1;
 const USAGE: u8 = 2;
 const MISSED: u8 = 3;
+/// What a shell reports for a process that a person interrupted.
+pub(crate) const INTERRUPTED: u8 = 130;
 /// What a shell reports for a process that SIGPIPE ended.
 const READER_GONE: u8 = 141;
 

@@ -2,8 +2,8 @@
 //!
 //! On Unix SIGINT, SIGTERM and SIGHUP, on Windows Ctrl-C, Ctrl-Break and the closing of the window.
 
-use crate::exit::note;
-use crate::output::Ledger;
+use crate::exit::{INTERRUPTED, note};
+use crate::ledger::Ledger;
 use anyhow::{Context, Result};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
@@ -15,8 +15,6 @@ static CANCEL: OnceLock<Arc<AtomicBool>> = OnceLock::new();
 /// Set while there is nothing to lose: an interruption is then how the command ends.
 static SERVING: AtomicBool = AtomicBool::new(false);
 
-/// The exit code of a process that a person interrupted.
-pub(crate) const INTERRUPTED: u8 = 130;
 /// Signals closer together than this are one: `timeout` signals the command and then its process
 /// group, and a shell may pass on what the terminal has sent already.
 const TOGETHER: Duration = Duration::from_secs(1);

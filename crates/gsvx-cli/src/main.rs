@@ -16,6 +16,7 @@ mod info;
 mod input;
 mod interrupt;
 mod join;
+mod ledger;
 mod lod;
 mod loss;
 mod max_error;

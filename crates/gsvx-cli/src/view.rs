@@ -1,6 +1,7 @@
 //! `gsvx view`: serves the viewer page and the files on the loopback address.
 
 mod answer;
+mod request;
 mod server;
 mod start;
 

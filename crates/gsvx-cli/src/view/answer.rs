@@ -1,6 +1,6 @@
 //! Answers to the requests of the viewer page: the page, and ranges of the files.
 
-use super::server::Request;
+use super::request::Request;
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::ops::Range;

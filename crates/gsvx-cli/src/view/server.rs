@@ -4,6 +4,7 @@
 //! that does not read keeps its own connection only.
 
 use super::answer::Answer;
+use super::request::Request;
 use httparse::{EMPTY_HEADER, Status};
 use std::io::{self, Read};
 use std::net::{Shutdown, TcpListener, TcpStream};
@@ -21,29 +22,6 @@ const READS: Duration = Duration::from_secs(300);
 const REST: u64 = 1 << 16;
 /// Connections at a time: browsers open six.
 const CONNECTIONS: usize = 64;
-
-/// The head of a request.
-pub(super) struct Request<'a> {
-    pub(super) method: &'a str,
-    /// With the query.
-    pub(super) target: &'a str,
-    fields: &'a [httparse::Header<'a>],
-}
-
-impl Request<'_> {
-    /// The value of a field; `None` if it is not there exactly once, as text.
-    pub(super) fn field(&self, name: &str) -> Option<&str> {
-        let mut found = self.fields.iter().filter(|f| f.name.eq_ignore_ascii_case(name));
-        let value = found.next().and_then(|f| std::str::from_utf8(f.value).ok())?;
-        found.next().is_none().then_some(value)
-    }
-
-    fn has_body(&self) -> bool {
-        let says = |name: &str| self.fields.iter().any(|f| f.name.eq_ignore_ascii_case(name));
-        says("Transfer-Encoding")
-            || (says("Content-Length") && self.field("Content-Length") != Some("0"))
-    }
-}
 
 /// Answers requests until the process ends.
 pub(super) fn serve(
