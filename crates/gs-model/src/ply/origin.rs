@@ -61,7 +61,7 @@ pub(super) fn of_file(comments: &[String]) -> [f64; 3] {
 /// A sentence about an origin that was chosen.
 pub(super) fn note([x, y, z]: [f64; 3]) -> String {
     format!(
-        "floats are too coarse for its positions, which are kept relative to the origin ({x}, {y}, {z})"
+        "floats lack the precision for its positions, which are kept relative to the origin ({x}, {y}, {z})"
     )
 }
 
