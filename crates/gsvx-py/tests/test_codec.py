@@ -58,8 +58,9 @@ def test_rows_tell_what_became_of_each_gaussian(splats):
     back = gsvx.decompress_bytes(out.getvalue())
     rows = report.rows
     assert rows.shape == (n,) and rows.dtype == np.int64 and rows[7] == -1
-    assert report.invalid == 1 and report.pruned == (n - 1) // 5
-    assert (rows < 0).sum() == report.invalid + report.pruned
+    assert report.invalid == 1 and report.transparent == 4
+    assert report.pruned == (n - 1 - report.transparent) // 5
+    assert (rows < 0).sum() == report.invalid + report.transparent + report.pruned
     assert set(rows[rows >= 0]) == set(range(report.gaussians)), "every row has a Gaussian"
     if report.outliers and rows[11] >= 0:
         assert (back["means"][rows[11]] == splats["means"][11]).all()

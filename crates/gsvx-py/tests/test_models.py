@@ -136,8 +136,13 @@ def test_wrong_use_of_tune(splats, tmp_path):
         with pytest.raises(ValueError, match=said):
             gsvx.tune(out, splats, cameras, **given)
     black = [np.zeros((160, 240, 3), np.uint8)] * 3
-    with pytest.raises(gsvx.Error, match="do not show this model"):
+    with pytest.raises(gsvx.Error, match="photos are grey"):
         gsvx.tune(out, splats, cameras, black)
+    red = [np.zeros((160, 240, 3), np.uint8) for _ in range(3)]
+    for photo in red:
+        photo[:, :120, 0] = 255
+    with pytest.raises(gsvx.Error, match="do not show this model"):
+        gsvx.tune(out, splats, cameras, red)
     with pytest.raises(gsvx.Error, match="aspect ratio"):
         gsvx.tune(out, splats, cameras, [np.zeros((100, 100, 3), np.uint8)] * 3)
     with pytest.raises(gsvx.Error, match="below what a tune of this model reaches"):

@@ -55,7 +55,8 @@ class Report:
     some were merged. ``sh_degree``: of the stream; degrees that are zero everywhere are not stored.
     ``quality``: 0 to 100, None for lossless. ``psnr``: of renders against renders of the input in dB, where
     a target asked for it. ``encodes``: encodings that a search took. ``invalid``, ``pruned``: Gaussians left
-    out on request. ``transparent``: those left out that no rasterizer draws (opacity below 1/255). ``left_out``: those that cameras see too little of. ``outliers``: Gaussians coded
+    out on request. ``transparent``: those left out that no rasterizer draws (opacity below 1/255).
+    ``left_out``: those that cameras see too little of. ``outliers``: Gaussians coded
     bit for bit because they are far away. ``seen_opacity_share``, ``unseen``: with cameras, the share of the
     opacity that they see, and the number of Gaussians that they do not. ``missed``: why the stream misses
     its target, or None. ``parts``: bytes by part of the stream. ``seconds``: time of the encoding.
