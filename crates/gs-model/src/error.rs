@@ -181,7 +181,7 @@ impl Error {
         Self::Unwritable { file: file.to_owned(), reason: reason.into() }
     }
 
-    #[cfg(any(feature = "cameras", feature = "formats"))]
+    #[cfg(feature = "formats")]
     pub(crate) fn json(file: &Path, what: &'static str, source: serde_json::Error) -> Self {
         Self::Json { file: file.to_owned(), what, source: source.into() }
     }
