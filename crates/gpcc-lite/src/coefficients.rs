@@ -259,7 +259,8 @@ impl RowCoder {
             let state = match before {
                 0 if group + 1 == groups => 3,
                 0 => 0,
-                _ => 1 + usize::from(2 * before as usize > first),
+                // Not twice the sum: that may not fit 32 bits.
+                _ => 1 + usize::from(before as usize > first / 2),
             };
             let model = state * CLASSES + class_of(self.expected[row as usize][3]);
             let value = C::ENCODING && levels[first..end].iter().any(|&v| v != 0);

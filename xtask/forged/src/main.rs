@@ -24,7 +24,7 @@ fn main() -> std::io::Result<()> {
         }
         return out.flush();
     }
-    std::panic::set_hook(Box::new(|_| ()));
+    std::panic::set_hook(Box::new(|panic| eprintln!("{panic}")));
     let (mut digest, mut accepted, mut failed) = (0u32, 0, Vec::new());
     for number in numbers {
         match catch_unwind(|| gsvx_forged::outcome(&gsvx_forged::stream(number))) {
