@@ -92,8 +92,9 @@ test('what is left of a stream without a whole chunk is an empty scene', async (
   const { head } = await decode(bytes, { onChunk() {} });
   for (const worker of workers) {
     for (const layout of ['planar', 'packed', 'covariances']) {
-      const { count, shDegree, skipped, memory, ...arrays } = await decode(bytes.subarray(0, head.headLength), { worker, layout, salvage: true });
+      const { count, shDegree, antialiased, skipped, memory, ...arrays } = await decode(bytes.subarray(0, head.headLength), { worker, layout, salvage: true });
       assert.equal(count, 0);
+      assert.equal(antialiased, head.antialiased);
       assert.ok(skipped.length > 0 && memory > 0 && shDegree >= 0);
       assert.ok(Object.keys(arrays).length >= 2, layout);
       for (const [name, array] of Object.entries(arrays)) assert.equal(array.length, 0, `${layout} ${name}`);
