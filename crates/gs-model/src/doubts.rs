@@ -1,6 +1,7 @@
 //! [`Doubts`]: what makes one doubt that a model is what it seems. Numbers that were stored without logarithm and
 //! logit, and positions whose steps are coarse beside the Gaussians.
 
+use crate::limits::is_point;
 use crate::scene::{SH_C0, Scene};
 
 /// Fewer Gaussians than this say nothing.
@@ -172,7 +173,7 @@ impl CoarseSteps {
         for (i, log_scale) in scene.log_scales.iter().enumerate() {
             let largest = log_scale.iter().copied().fold(f32::NEG_INFINITY, f32::max);
             let (step, size) = (step(i), libm::exp(f64::from(largest)));
-            if step > COARSE * size && size > 0.0 {
+            if step > COARSE * size && !is_point(*log_scale) {
                 self.coarse += 1;
                 self.log_step += libm::log(step);
                 self.log_size += f64::from(largest);

@@ -130,7 +130,7 @@ pub use error::{Error, Result};
 #[cfg(feature = "files")]
 pub use format::Format;
 #[cfg(feature = "files")]
-pub use limits::{CLAMPED_OPACITY_LOGIT, Limits};
+pub use limits::{CLAMPED_OPACITY_LOGIT, Limits, is_point};
 #[cfg(feature = "files")]
 pub use order::morton_order;
 #[cfg(feature = "cameras")]

@@ -29,8 +29,10 @@ pub struct Limits {
     pub opaque: usize,
     /// Of an opacity of 0: logit -inf.
     pub transparent: usize,
-    /// With a scale of 0: log-scale -inf, or below any logarithm, such as the lowest float.
+    /// With one or two scales of 0: log-scale -inf, or below any logarithm, such as the lowest float.
     pub flat: usize,
+    /// With three scales of 0.
+    pub points: usize,
 }
 
 impl Limits {
@@ -41,6 +43,7 @@ impl Limits {
             opaque: self.opaque + other.opaque,
             transparent: self.transparent + other.transparent,
             flat: self.flat + other.flat,
+            points: self.points + other.points,
         }
     }
 
@@ -64,6 +67,12 @@ impl Limits {
                 "Gaussians have a scale of 0",
                 "a thousandth of the shortest other scale",
             ),
+            say(
+                self.points,
+                "Gaussian has three scales of 0",
+                "Gaussians have three scales of 0",
+                "the smallest size",
+            ),
         ];
         all.into_iter().flatten().collect()
     }
@@ -77,20 +86,26 @@ impl Scene {
         let opacities = logits.filter(|l| l.is_infinite()).map(|logit| {
             let opaque = usize::from(*logit > 0.0);
             *logit = CLAMPED_OPACITY_LOGIT.copysign(*logit);
-            Limits { opaque, transparent: 1 - opaque, flat: 0 }
+            Limits { opaque, transparent: 1 - opaque, ..Limits::default() }
         });
         let opacities = opacities.reduce(Limits::default, Limits::plus);
         let scales = self.log_scales.par_iter_mut().with_min_len(1 << 14);
-        let flat = scales.map(|s| usize::from(thicken(s))).sum();
-        Limits { flat, ..opacities }
+        scales.map(thicken).reduce(Limits::default, Limits::plus).plus(opacities)
     }
 }
 
-/// Gives the axes of a Gaussian that have no extent a little of it. True if there is one.
-fn thicken(log_scales: &mut [f32; 3]) -> bool {
+/// Whether a Gaussian has no extent at all: its three log-scales are those that [`Scene::clamp_limits`] gives a point.
+/// Its size says nothing about those of a model.
+#[must_use]
+pub fn is_point(log_scales: [f32; 3]) -> bool {
+    log_scales.iter().all(|&s| s <= POINT)
+}
+
+/// Gives the axes of a Gaussian that have no extent a little of it.
+fn thicken(log_scales: &mut [f32; 3]) -> Limits {
     let is_zero = |s: f32| s < BELOW_LOGARITHMS;
     if !log_scales.iter().any(|&s| is_zero(s)) {
-        return false;
+        return Limits::default();
     }
     let others = log_scales.iter().copied().filter(|&s| !is_zero(s));
     let least = others.fold(f32::INFINITY, f32::min);
@@ -99,5 +114,6 @@ fn thicken(log_scales: &mut [f32; 3]) -> bool {
         false => POINT,
     };
     log_scales.iter_mut().filter(|s| is_zero(**s)).for_each(|s| *s = thin);
-    true
+    let points = usize::from(!least.is_finite());
+    Limits { points, flat: 1 - points, ..Limits::default() }
 }

@@ -14,8 +14,10 @@ pub enum Invalid {
     /// Fail with [`crate::Error::InvalidGaussian`], which names the first one and their number.
     #[default]
     Error,
-    /// Leave them out; the report counts them.
+    /// Leave them out, and those whose values no model has (see [`Scene::drop_invalid`]); the report counts them.
     Drop,
+    /// Keep every value as it is, infinite opacities and scales of 0 too: for coding bit for bit.
+    Keep,
 }
 
 /// What is done about the axes of a format whose files do not agree on them: SPZ.
@@ -84,6 +86,7 @@ impl Report {
 pub(crate) struct Cleaned {
     read: usize,
     dropped: usize,
+    kept: usize,
     limits: Limits,
     doubts: Doubts,
 }
@@ -98,6 +101,12 @@ impl Cleaned {
             let (n, all) = (self.dropped, self.read);
             let what = if n == 1 { "Gaussian is" } else { "Gaussians are" };
             report.notes.push(format!("{n} invalid {what} left out, of {all}"));
+        }
+        if self.kept > 0 {
+            let (n, all) = (self.kept, self.read);
+            let what = if n == 1 { "Gaussian has" } else { "Gaussians have" };
+            let values = "values that are not finite, or no direction";
+            report.notes.push(format!("{n} {what} {values}, of {all}; they are kept as they are"));
         }
     }
 }
@@ -121,8 +130,11 @@ impl ReadOptions {
     ) -> Result<()> {
         let first = cleaned.read;
         cleaned.read += scene.len();
-        cleaned.limits = cleaned.limits.plus(scene.clamp_limits());
+        if self.invalid != Invalid::Keep {
+            cleaned.limits = cleaned.limits.plus(scene.clamp_limits());
+        }
         match self.invalid {
+            Invalid::Keep => cleaned.kept += scene.invalid().map_or(0, |invalid| invalid.count),
             Invalid::Drop => cleaned.dropped += scene.drop_invalid(),
             Invalid::Error => scene.refuse_invalid(file).map_err(|error| match error {
                 Error::InvalidGaussian { file, index, field, value, count } => {

@@ -11,6 +11,9 @@ use rayon::prelude::*;
 use crate::error::{Error, Result};
 use crate::scene::{Field, Scene, sh_len};
 
+/// No trained model has a log-scale or an SH coefficient of a greater magnitude, by far.
+pub const LARGEST: f32 = 18_900.0;
+
 /// The invalid Gaussians of a scene.
 ///
 /// A Gaussian is invalid if any of its numbers is NaN or infinite (readers give infinite opacities and scales of 0
@@ -86,21 +89,30 @@ impl Scene {
         parts.reduce_with(|a, b| InvalidGaussians { count: a.count + b.count, ..a })
     }
 
-    /// Removes the invalid Gaussians, keeping the order of the others. Returns how many there were.
+    /// Removes the invalid Gaussians and those with a log-scale or an SH coefficient beyond +-[`LARGEST`], keeping
+    /// the order of the others. Returns how many there were.
     ///
     /// A scene whose arrays have inconsistent lengths loses its surplus entries too.
     pub fn drop_invalid(&mut self) -> usize {
-        let count = self.invalid().map_or(0, |invalid| invalid.count);
+        const ROWS: usize = 1 << 14;
+        let n = self.checked_len();
+        let rows = (0..n).into_par_iter().with_min_len(ROWS);
+        let count = rows.filter(|&i| !self.is_sound(i)).count();
         if count > 0 || self.check_shape().is_err() {
-            self.keep(&self.valid_indices());
+            self.keep(&self.sound_indices());
         }
         count
     }
 
-    /// The indices of the Gaussians that are valid: those that [`Scene::drop_invalid`] keeps.
+    /// The indices of the Gaussians that [`Scene::drop_invalid`] keeps.
     #[must_use]
-    pub fn valid_indices(&self) -> Vec<usize> {
-        (0..self.checked_len()).filter(|&i| self.defect(i).is_none()).collect()
+    pub fn sound_indices(&self) -> Vec<usize> {
+        (0..self.checked_len()).filter(|&i| self.is_sound(i)).collect()
+    }
+
+    fn is_sound(&self, i: usize) -> bool {
+        let held = |values: &[f32]| values.iter().all(|v| v.abs() <= LARGEST);
+        self.defect(i).is_none() && held(&self.log_scales[i]) && held(self.sh_of(i).as_flattened())
     }
 
     /// Number of Gaussians of which every array has an entry.

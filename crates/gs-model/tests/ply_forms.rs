@@ -234,6 +234,7 @@ fn a_file_in_parts_is_the_whole_file() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("model.ply");
     let mut whole = scene(30_000, 3);
+    (whole.log_scales, whole.sh) = (vec![[-3.0; 3]; 30_000], vec![[0.5; 3]; 16 * 30_000]);
     ply::write(&path, &whole).unwrap();
     let read = |options: &ReadOptions| -> gs_model::Result<Vec<Scene>> {
         let mut parts = Parts::open(&path, options)?.unwrap();

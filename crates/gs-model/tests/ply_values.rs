@@ -171,6 +171,7 @@ fn quaternions_without_direction_are_found() {
 fn invalid_gaussians_are_counted_once() {
     // Many, in every task of the parallel search.
     let mut scene = scene(50_000, 0);
+    (scene.log_scales, scene.sh) = (vec![[-3.0; 3]; 50_000], vec![[0.5; 3]; 50_000]);
     for i in (0..50_000).step_by(10) {
         scene.means[i][1] = f32::NAN;
         scene.sh[i][2] = f32::INFINITY;
@@ -221,10 +222,43 @@ fn a_scale_of_0_is_read_as_a_thin_disc() {
     assert_eq!(back.log_scales[..2], expected);
     assert!(back.log_scales[2].iter().all(|&s| libm::expf(s) >= 1e-38));
     assert_eq!(back.log_scales[3], scene.log_scales[3]);
-    assert!(report.notes[0].starts_with("3 Gaussians have a scale of 0"), "{:?}", report.notes);
+    assert!(report.notes[0].starts_with("2 Gaussians have a scale of 0"), "{:?}", report.notes);
+    assert!(report.notes[1].starts_with("1 Gaussian has three scales of 0"), "{:?}", report.notes);
     // An infinite scale means nothing.
     scene.log_scales[3][0] = f32::INFINITY;
     says(ply::read_bytes(&file(&scene)), "Gaussian 3: log-scale is inf (1 invalid");
+}
+
+#[test]
+fn points_do_not_make_the_steps_of_positions_coarse() {
+    let mut scene = scene(20, 0);
+    scene.log_scales[..8].fill([f32::NEG_INFINITY; 3]);
+    let (_, report) = ply::read_bytes(&file(&scene)).unwrap();
+    assert_eq!(report.warnings, [""; 0]);
+}
+
+#[test]
+fn values_that_no_model_has_are_left_out_with_the_invalid_ones() {
+    let mut scene = scene(5, 1);
+    scene.log_scales[1][2] = 1e38;
+    scene.sh[3 * 4][0] = -1e6;
+    // They are numbers, which lossless coding keeps.
+    assert_eq!(ply::read_bytes(&file(&scene)).unwrap().0, scene);
+    let drop = ReadOptions { invalid: Invalid::Drop, ..ReadOptions::default() };
+    let (kept, report) = model::read_named("a.ply", &file(&scene), &drop).unwrap();
+    assert_eq!((kept, report.dropped), (scene.select(&[0, 2, 4]), 2));
+}
+
+#[test]
+fn every_value_can_be_kept_as_it_is() {
+    let mut scene = scene(5, 0);
+    scene.opacity_logits[0] = f32::INFINITY;
+    scene.log_scales[1] = [f32::NEG_INFINITY; 3];
+    scene.rotations[2] = [0.0; 4];
+    let keep = ReadOptions { invalid: Invalid::Keep, ..ReadOptions::default() };
+    let (kept, report) = model::read_named("a.ply", &file(&scene), &keep).unwrap();
+    assert_eq!((kept, report.dropped), (scene, 0));
+    assert!(report.notes[0].starts_with("3 Gaussians have values that are not finite"));
 }
 
 /// A scene as a PLY file.

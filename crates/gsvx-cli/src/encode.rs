@@ -70,7 +70,7 @@ pub(crate) struct EncodeArgs {
           hide_short_help = true, help_heading = CONTENT,
           conflicts_with_all = ["cameras", "depth", "web"])]
     max_error: Option<MaxError>,
-    /// Keep every float of the Gaussians bit for bit.
+    /// Keep every float of the Gaussians bit for bit, infinities and NaN too.
     ///
     /// Their order changes. Other columns of a PLY, such as normals, are not kept: a warning names
     /// those that are not zero.
@@ -188,8 +188,11 @@ pub(crate) fn run(args: &EncodeArgs, report: Reporter) -> Result<()> {
 fn encode_file(args: &EncodeArgs, job: &Job, report: Reporter) -> Result<()> {
     let output = Output::open(&job.output, args.scene.force, &[&job.input])?;
     let (start, name) = (Instant::now(), input::name(&job.input));
-    let Loaded { scene, bytes: input_bytes, report: file } =
-        args.scene.reading.model(&job.input, true)?;
+    let reading = &args.scene.reading;
+    let Loaded { scene, bytes: input_bytes, report: file } = match args.lossless {
+        true => reading.exact_model(&job.input)?,
+        false => reading.model(&job.input, true)?,
+    };
     let input_gaussians = scene.len();
     let read_seconds = start.elapsed().as_secs_f64();
     let step = Instant::now();

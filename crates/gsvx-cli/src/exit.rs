@@ -94,7 +94,9 @@ fn remedy(cause: &(dyn std::error::Error + 'static)) -> Option<String> {
         Stream::Limit { points, .. } => {
             Some(format!("pass --max-gaussians {points} if you trust it"))
         }
-        Stream::TooLarge { .. } => Some("pass --lossless".into()),
+        Stream::TooLarge { .. } => {
+            Some("--drop-invalid leaves it out, encode --lossless keeps it".into())
+        }
         Stream::Truncated { what, .. } if *what != "head" => {
             Some("gsvx decode --salvage writes what is there".into())
         }

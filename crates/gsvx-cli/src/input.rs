@@ -19,8 +19,8 @@ pub(crate) struct Reading {
     #[arg(long, value_name = "FORMAT", value_parser = format::read_name(), hide_short_help = true,
           help_heading = "Input")]
     from: Option<String>,
-    /// Leave out Gaussians with NaN, an infinite mean, scale or colour, or a zero quaternion instead of failing.
-    /// Infinite opacities and scales of 0 are valid.
+    /// Leave out Gaussians with NaN, an infinite mean, scale or colour, or a zero quaternion instead of failing, and
+    /// those with a log-scale or an SH coefficient beyond +-18900. Infinite opacities and scales of 0 are valid.
     #[arg(long, hide_short_help = true, help_heading = "Input")]
     drop_invalid: bool,
     /// What is done about the axes of SPZ files.
@@ -131,7 +131,20 @@ impl Reading {
 
     /// A model of any format that gs-model reads; a stream is refused. Says what its file held if `say`.
     pub(crate) fn model(&self, path: &Path, say: bool) -> Result<Loaded> {
-        match self.open(path, None)? {
+        self.only_model(path, &self.options(None), say)
+    }
+
+    /// As [`Reading::model`], with every value as it is in the file unless invalid Gaussians are left out.
+    pub(crate) fn exact_model(&self, path: &Path) -> Result<Loaded> {
+        let mut options = self.options(None);
+        if !self.drop_invalid {
+            options.invalid = Invalid::Keep;
+        }
+        self.only_model(path, &options, true)
+    }
+
+    fn only_model(&self, path: &Path, options: &ReadOptions, say: bool) -> Result<Loaded> {
+        match self.open(path, options)? {
             Opened::Model(loaded) => {
                 if say {
                     say_notes(path, &loaded.report);
@@ -146,23 +159,23 @@ impl Reading {
     }
 
     /// Reads a model, or the bytes of a stream.
-    fn open(&self, path: &Path, max_gaussians: Option<u64>) -> Result<Opened> {
-        let (from, options) = (self.from.as_deref(), self.options(max_gaussians));
+    fn open(&self, path: &Path, options: &ReadOptions) -> Result<Opened> {
+        let from = self.from.as_deref();
         let reading = Meter::spinner(format!("reading {}", name(path)));
         let length = std::fs::metadata(path).ok().filter(|m| m.is_file()).map(|m| m.len());
         let ((scene, report), bytes) = if let (None, Some(length)) = (from, length)
             && !starts_like_stream(path)?
         {
             // A plain file need not be in memory whole.
-            (model::read(path, &options)?, length)
+            (model::read(path, options)?, length)
         } else {
             let all = bytes(path)?;
             if from == Some(STREAM) || (from.is_none() && is_stream(&all)) {
                 return Ok(Opened::Stream(all));
             }
             let read = match from.and_then(Format::named) {
-                Some(format) => format.read(name(path), &all, &options)?,
-                None => model::read_named(name(path), &all, &options)?,
+                Some(format) => format.read(name(path), &all, options)?,
+                None => model::read_named(name(path), &all, options)?,
             };
             (read, all.len() as u64)
         };
@@ -174,7 +187,8 @@ impl Reading {
 
 /// Opens a file of any format, without its invalid Gaussians.
 pub(crate) fn lenient(path: &Path) -> Result<Opened> {
-    Reading { from: None, drop_invalid: true, axes: Axes::Turn }.open(path, None)
+    let reading = Reading { from: None, drop_invalid: true, axes: Axes::Turn };
+    reading.open(path, &reading.options(None))
 }
 
 /// Says what a file held that its model has not, and what was read as something else.
@@ -190,7 +204,7 @@ pub(crate) fn say_notes(path: &Path, report: &Report) {
 impl ReadingAny {
     /// Reads a model, or the bytes of a stream.
     pub(crate) fn open(&self, path: &Path) -> Result<Opened> {
-        let opened = self.model.open(path, self.limit.max_gaussians)?;
+        let opened = self.model.open(path, &self.model.options(self.limit.max_gaussians))?;
         if let Opened::Model(loaded) = &opened {
             say_notes(path, &loaded.report);
             self.limit.check(path, loaded.scene.len() as u64)?;

@@ -51,6 +51,48 @@ fn normals_are_not_lost_without_a_word() {
     }
 }
 
+/// `scene()` with an infinite opacity, a flat Gaussian and a colour that no model has, as a PLY.
+fn at_the_limits(dir: &Path) -> (PathBuf, gs_model::Scene) {
+    let mut limits = scene();
+    limits.opacity_logits[3] = f32::INFINITY;
+    limits.log_scales[4][1] = f32::NEG_INFINITY;
+    let each = limits.sh_len();
+    limits.sh[5 * each] = [1e38, 0.0, 0.0];
+    let path = dir.join("limits.ply");
+    gs_model::ply::write(&path, &limits).unwrap();
+    (path, limits)
+}
+
+#[test]
+fn lossless_keeps_infinities_bit_for_bit() {
+    let dir = tempfile::tempdir().unwrap();
+    let (input, limits) = at_the_limits(dir.path());
+    let [stream, back] = ["a.gsvx", "back.ply"].map(|name| dir.path().join(name));
+    let out = run(&["encode", "@", "-o", "@", "--lossless"], &[&input, &stream]);
+    assert!(heard(&out).contains("2 Gaussians have values that are not finite"), "{}", heard(&out));
+    ok(&["decode", "@", "-o", "@"], &[&stream, &back]);
+    let keep = gs_model::ReadOptions { invalid: gs_model::Invalid::Keep, ..Default::default() };
+    let back = gs_model::model::read(&back, &keep).unwrap().0;
+    let sorted = |scene: &gs_model::Scene| {
+        let mut order: Vec<usize> = (0..scene.len()).collect();
+        order.sort_by_key(|&i| scene.means[i].map(f32::to_bits));
+        scene.select(&order)
+    };
+    assert_eq!(sorted(&back), sorted(&limits));
+}
+
+#[test]
+fn a_colour_beyond_all_models_is_refused_with_two_ways_on() {
+    let dir = tempfile::tempdir().unwrap();
+    let (input, _) = at_the_limits(dir.path());
+    let stream = dir.path().join("a.gsvx");
+    let refused = run(&["encode", "@", "-o", "@"], &[&input, &stream]);
+    let ways = "Gaussian 5 has a value of 1e38 (SH coefficient)";
+    let said = heard(&refused);
+    assert!(said.contains(ways) && said.contains("--drop-invalid leaves it out"), "{said}");
+    ok(&["encode", "@", "-o", "@", "--drop-invalid"], &[&input, &stream]);
+}
+
 #[test]
 fn messages_named_wrong_causes() {
     let dir = tempfile::tempdir().unwrap();

@@ -113,7 +113,7 @@ fn encode(
     // Coded without loss, infinite opacities stay as they are.
     let exact = options.lossless && !options.drop_invalid;
     let limits = if exact { Limits::default() } else { scene.clamp_limits() };
-    let valid = options.drop_invalid.then(|| scene.valid_indices());
+    let valid = options.drop_invalid.then(|| scene.sound_indices());
     let valid = valid.filter(|valid| valid.len() < input);
     if let Some(valid) = &valid {
         scene = scene.select(valid);

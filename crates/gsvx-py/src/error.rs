@@ -112,7 +112,9 @@ fn remedy(error: &(dyn StdError + 'static)) -> Option<String> {
         gsvx::Error::Limit { points, .. } => {
             Some(format!("pass max_gaussians={points} if you trust it"))
         }
-        gsvx::Error::TooLarge { .. } => Some("pass lossless=True".into()),
+        gsvx::Error::TooLarge { .. } => {
+            Some("drop_invalid=True leaves it out, lossless=True keeps it".into())
+        }
         gsvx::Error::Truncated { what, .. } if *what != "head" => {
             Some("pass salvage=True to decode what is there".into())
         }

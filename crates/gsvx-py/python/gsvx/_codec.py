@@ -81,7 +81,8 @@ def compress(
     ``web``: what a web page wants (quality 50 if none is given, a coarse scene first, small chunks).
     ``lod``: store a coarse scene first. ``max_sh_degree``: highest SH degree to keep. ``prune``: leave out
     this fraction of the Gaussians first, the least important. ``drop_invalid``: leave out Gaussians with
-    NaN, infinity or a zero quaternion instead of failing.
+    NaN, infinity or a zero quaternion instead of failing, and those with a log-scale or an SH coefficient beyond
+    +-18900.
 
     For experts: ``depth``, uniform voxelization at this octree depth; ``j_low``, adaptively by the paper's
     criteria from this depth to ``depth``.

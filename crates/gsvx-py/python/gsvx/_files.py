@@ -94,7 +94,8 @@ def read_model(path: PathLike, *, drop_invalid: bool = False, axes: str = "turn"
     """Reads a model: any format that gsvx knows, such as PLY in the Inria layout, SPZ and .splat, or a stream.
 
     Gaussians keep the order of the file. ``drop_invalid``: leave out Gaussians with NaN, an infinite mean, scale
-    or colour, or a zero quaternion instead of failing. Infinite opacities and scales of 0 are valid: they are read
+    or colour, or a zero quaternion instead of failing, and those with a log-scale or an SH coefficient beyond
+    +-18900. Infinite opacities and scales of 0 are valid: they are read
     as the largest or smallest. ``axes``: ``"turn"`` turns SPZ files from the axes that they declare, or else from
     those of the specification, to those of PLY files; ``"keep"`` leaves the numbers as they are, as Niantic's
     ply_to_spz does. A warning says what of the file was not kept, or was read as something else.

@@ -2,9 +2,7 @@
 
 use crate::error::{Error, Result};
 use gs_model::Scene;
-
-/// Greatest magnitude of a log-scale or an SH coefficient, far beyond any trained attribute.
-pub(crate) const LARGEST: f32 = 18_900.0;
+use gs_model::validate::LARGEST;
 
 /// Checks that Gaussians are what lossy coding can hold; `first` is the number of the first, for the error.
 pub(crate) fn check(scene: &Scene, first: usize) -> Result<()> {

@@ -7,7 +7,7 @@ use super::encoded::CoarseCells;
 use crate::error::Result;
 use gpcc_lite::Cube;
 use gpcc_lite::morton::MAX_DEPTH;
-use gs_model::Scene;
+use gs_model::{Scene, is_point};
 
 /// Sizes are counted by the first 16 bits of their floats: to within 0.8 %.
 const SIZE_BITS: u32 = 16;
@@ -21,6 +21,8 @@ const COARSE_FOR_SMALL: f64 = 1.0;
 #[derive(Clone, Debug)]
 pub struct Survey {
     count: u64,
+    /// Those that are no points.
+    sized: u64,
     low: [f32; 3],
     high: [f32; 3],
     /// How many Gaussians have a log-scale of their largest axis in each class.
@@ -39,6 +41,7 @@ impl Survey {
     pub fn new(max_sh_degree: u8) -> Self {
         Self {
             count: 0,
+            sized: 0,
             low: [f32::INFINITY; 3],
             high: [f32::NEG_INFINITY; 3],
             sizes: vec![0; 1 << SIZE_BITS],
@@ -73,7 +76,8 @@ impl Survey {
                 self.high[k] = self.high[k].max(mean[k]);
             }
         }
-        for log_scale in &scene.log_scales {
+        for log_scale in scene.log_scales.iter().filter(|s| !is_point(**s)) {
+            self.sized += 1;
             let size = log_scale.iter().copied().fold(f32::NEG_INFINITY, f32::max);
             self.sizes[(key(size) >> (32 - SIZE_BITS)) as usize] += 1;
         }
@@ -103,9 +107,9 @@ impl Survey {
         }
     }
 
-    /// The median of the logarithms of the largest axes, to within 0.8 %; `None` without Gaussians.
+    /// The median of the logarithms of the largest axes, to within 0.8 %; `None` without Gaussians that have a size.
     pub(crate) fn median_log_scale(&self) -> Option<f64> {
-        self.log_scale_of(self.count / 2)
+        self.log_scale_of(self.sized / 2)
     }
 
     /// How coarse the finest cells are, if positions err visibly; see [`crate::Encoded::coarse_cells`]. Outliers must not
@@ -113,10 +117,10 @@ impl Survey {
     pub(crate) fn coarse_cells(&self) -> Option<CoarseCells> {
         let cell = self.cube().side * libm::exp2(-f64::from(MAX_DEPTH));
         let of = |place: u64| Some(cell / libm::exp(self.log_scale_of(place)?));
-        if let Some(cells) = of(self.count / 2).filter(|&cells| cells > COARSE) {
+        if let Some(cells) = of(self.sized / 2).filter(|&cells| cells > COARSE) {
             return Some(CoarseCells { cells, of_small: false });
         }
-        let cells = of(self.count / 10).filter(|&cells| cells > COARSE_FOR_SMALL)?;
+        let cells = of(self.sized / 10).filter(|&cells| cells > COARSE_FOR_SMALL)?;
         Some(CoarseCells { cells, of_small: true })
     }
 
