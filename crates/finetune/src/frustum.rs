@@ -45,8 +45,9 @@ impl Ball {
     }
 }
 
-/// The cameras that can see `scene`, at most [`MOST`], and how many each of them stands for.
-pub(crate) fn that_see<'a>(scene: &Scene, cameras: &'a [Camera]) -> (Vec<&'a Camera>, f64) {
+/// The cameras that can see `scene`, at most 256 evenly chosen ones, and how many each of them stands for.
+#[must_use]
+pub fn that_see<'a>(scene: &Scene, cameras: &'a [Camera]) -> (Vec<&'a Camera>, f64) {
     let ball = Ball::around(scene);
     let meeting: Vec<&Camera> = cameras.iter().filter(|c| ball.meets(c)).collect();
     let n = meeting.len().min(MOST);

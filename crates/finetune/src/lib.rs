@@ -80,7 +80,7 @@ pub use backend::{Backend, BackendReport};
 pub use camera_check::{MISFIT_CAUSES, References, Visibility, seen_opacity_share};
 pub use error::{Error, Result};
 pub use forward::render;
-pub use frustum::MOST as MOST_CAMERAS;
+pub use frustum::{MOST as MOST_CAMERAS, that_see};
 #[cfg(feature = "gpu")]
 pub use gpu::{Adapter, DeviceOptimiser};
 pub use image::{Image, Photo};

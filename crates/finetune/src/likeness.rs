@@ -124,16 +124,16 @@ impl LossEstimate {
         self.at_cameras.zip(self.around).is_some_and(|(a, b)| (a.psnr - b.psnr).abs() > FAR_APART)
     }
 
-    /// Whether the cameras may not be the model's own: what they chose shows well to them, and badly to views that do
-    /// not depend on them.
+    /// Whether the cameras may not be the model's own: what they chose shows well to them, if they see anything, and
+    /// badly to views that do not depend on them.
     ///
     /// Cameras that fit fox, bonsai and the fixture room lose up to 6.5 dB around the model, and 34 dB or more are left.
     /// Cameras of another frame lose 7 to 40 dB, and 10 to 33 are left.
     #[must_use]
     pub fn doubts_cameras(&self) -> bool {
-        self.at_cameras
-            .zip(self.around)
-            .is_some_and(|(a, b)| a.psnr > b.psnr + DOUBTED && b.psnr < DOUBTED_BELOW)
+        let well =
+            |around: Likeness| self.at_cameras.is_none_or(|at| at.psnr > around.psnr + DOUBTED);
+        self.around.is_some_and(|around| around.psnr < DOUBTED_BELOW && well(around))
     }
 }
 

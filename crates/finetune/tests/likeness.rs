@@ -25,7 +25,11 @@ fn a_loss_that_the_cameras_do_not_see_is_told() {
     // Without cameras there is one figure.
     let alone = Pictures::of(&scene, None).compare(&kept);
     assert_eq!((alone.at_cameras, alone.worse()), (None, alone.around));
-    assert!(!alone.doubts_cameras());
+    // Cameras that see nothing cannot speak for what they chose.
+    let mut away = cameras[0].clone();
+    away.translation.z -= 1e6;
+    let blind = Pictures::of(&scene, Some(&[away])).compare(&kept);
+    assert!(blind.at_cameras.is_none() && blind.doubts_cameras());
     // Nothing is lost: nothing is doubted.
     let same = pictures.compare(&scene);
     assert!(same.worse().unwrap().psnr == 99.0 && !same.is_far_apart());

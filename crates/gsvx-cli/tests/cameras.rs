@@ -121,6 +121,11 @@ fn cameras_of_another_frame_are_named_and_decide_nothing() {
         assert_eq!(made["cameras_doubted"], true, "{name}");
         // What they see decides nothing.
         assert!(std::fs::read(&with).unwrap() == std::fs::read(&without).unwrap(), "{name}");
+        // Nor of a model that is encoded tile by tile.
+        let (_, said) =
+            report(&[&words[..], &["--memory", "1G"]].concat(), &[&input, &with, &json]);
+        assert!(said.contains("dataparser_transforms.json"), "{name}: {said}");
+        assert!(std::fs::read(&with).unwrap() == std::fs::read(&without).unwrap(), "{name}");
         // Whoever asks for what they see is told what that is at views of the model.
         let (made, _) = report(&[&words[..], &["--drop-unseen"]].concat(), &[&input, &with, &json]);
         let (told, truth) = (made["estimated_loss"]["psnr"].as_f64().unwrap(), psnr(&with));

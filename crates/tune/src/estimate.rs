@@ -25,12 +25,17 @@ impl Judged {
     #[must_use]
     pub fn doubt(&self) -> Option<String> {
         let LossEstimate { at_cameras, around } = self.doubted?;
-        let [at_cameras, around] = [at_cameras?, around?].map(|l| l.psnr);
-        Some(format!(
-            "where these cameras look, a stream by their importances has {at_cameras:.0} dB, but around the model \
-             {around:.0} dB; are they its own? {}",
-            finetune::MISFIT_CAUSES
-        ))
+        let around = around?.psnr;
+        let found = match at_cameras.map(|at| at.psnr) {
+            Some(at) => format!(
+                "where these cameras look, a stream by their importances has {at:.0} dB, but around the model \
+                 {around:.0} dB"
+            ),
+            None => format!(
+                "these cameras show nothing of the model, and a stream by their importances has {around:.0} dB around it"
+            ),
+        };
+        Some(format!("{found}; are they its own? {}", finetune::MISFIT_CAUSES))
     }
 }
 
@@ -72,9 +77,10 @@ const TRIED_PIXELS: u32 = 120_000;
 /// # Errors
 /// Those of the encoder and of the decoder.
 pub fn doubt(scene: &Scene, cameras: &[Camera], quality: f32) -> gsvx::Result<Option<String>> {
+    let (cameras, _) = finetune::that_see(scene, cameras);
     let step = cameras.len().div_ceil(TRIED).max(1);
     let cameras: Vec<Camera> =
-        cameras.iter().step_by(step).map(|c| c.within(TRIED_PIXELS)).collect();
+        cameras.into_iter().step_by(step).map(|c| c.within(TRIED_PIXELS)).collect();
     let Ok(seen) = Visibility::of(scene, &cameras, |_| Ok::<_, Infallible>(()));
     let mut encoder = Encoder::new(Aim::Quality(quality));
     encoder.options.importance = Some(seen.weights);

@@ -87,7 +87,7 @@ pub(crate) fn plan(args: &SceneArgs, choices: Choices, report: Reporter) -> Resu
     let scratch = scratch(args, &key(args, choices, "plan", sight)?)?;
     let mut plan = planning::survey(args, choices, sight, &scratch)?;
     let rows = TileRows::write(&plan, &plan.plan.sample(), 0, &scratch)?;
-    planning::measure(&mut plan.plan, &rows, sight)?;
+    planning::measure(&mut plan, &rows, sight)?;
     let text = plan.text()?;
     let written = output.write(|out| Ok(out.write_all(text.as_bytes())?))?;
     scratch.remove();
@@ -142,12 +142,14 @@ pub(crate) fn encode(args: &SceneArgs, choices: Choices, report: Reporter) -> Re
         Err(_) => {
             let mut plan = planning::survey(args, choices, sight, &scratch)?;
             let rows = Work::of_all(&plan, sight, &scratch).rows()?;
-            planning::measure(&mut plan.plan, &rows, sight)?;
+            planning::measure(&mut plan, &rows, sight)?;
             scratch.write(PLAN, plan.text()?.as_bytes())?;
             plan
         }
     };
     warn_of_coarse_cells(&plan);
+    // Cameras that may not be the model's own decide nothing.
+    let sight = sight.filter(|_| plan.cameras.is_some());
     let work = Work::of_all(&plan, sight, &scratch);
     work.encode(at_once, start)?.write(output, "", report)?;
     scratch.remove();

@@ -95,19 +95,40 @@ fn read_means(from: &mut File, left: &mut u64) -> std::io::Result<Vec<[f32; 3]>>
     Ok(means.iter().map(|m| m.map(f32::from_le_bytes)).collect())
 }
 
-/// Finishes a plan by the tiles of its sample, of which `rows` has the Gaussians.
-pub(crate) fn measure(plan: &mut Plan, rows: &TileRows, sight: Option<&Sight>) -> Result<()> {
+/// Finishes a plan by the tiles of its sample, of which `rows` has the Gaussians. Cameras that may not be the model's
+/// own decide nothing, with a warning.
+pub(crate) fn measure(file: &mut PlanFile, rows: &TileRows, sight: Option<&Sight>) -> Result<()> {
+    let Some(best) = measure_by(&mut file.plan, rows, sight)? else { return Ok(()) };
+    let doubted = match sight {
+        Some(sight) => sight.is_doubted(&rows.tile(best)?, file.plan.choices())?,
+        None => false,
+    };
+    if doubted {
+        file.plan.forget_cameras();
+        file.cameras = None;
+        measure_by(&mut file.plan, rows, None)?;
+    }
+    Ok(())
+}
+
+/// Measures by cameras, or else by a guess. Returns the tile of the sample of which they see most.
+fn measure_by(plan: &mut Plan, rows: &TileRows, sight: Option<&Sight>) -> Result<Option<usize>> {
+    let sample = plan.sample();
+    let mut shown = Vec::with_capacity(sample.len());
     let bar = sight.map(|_| Meter::new("importance of a sample", plan.sample().len()));
     let _spinner = sight.is_none().then(|| Meter::spinner("measuring a sample".into()));
-    let (mut seen, mut all) = (0.0, 0.0);
+    let mut all = 0.0;
     let see = |tile: &Scene| {
         let found = sight.map(|s| s.of(tile)).unwrap_or_default();
-        seen += found.share * tile.len() as f64;
+        shown.push(found.share * tile.len() as f64);
         all += tile.len() as f64;
         bar.iter().for_each(Meter::inc);
         Ok(found.weights)
     };
     plan.measure::<Error>(|tile| rows.tile(tile), see)?;
     drop(bar);
-    sight.map_or(Ok(()), |s| s.check(if all > 0.0 { seen / all } else { 1.0 }))
+    let seen: f64 = shown.iter().sum();
+    sight.map_or(Ok(()), |s| s.check(if all > 0.0 { seen / all } else { 1.0 }))?;
+    let tiles = sample.into_iter().zip(shown);
+    Ok(tiles.max_by(|a, b| a.1.total_cmp(&b.1)).map(|(tile, _)| tile))
 }

@@ -1,10 +1,12 @@
 //! What cameras see of a scene, tile by tile: of each tile from the cameras that can see it, with nothing else in front.
 
 use super::inputs::changed;
+use crate::exit::note;
 use crate::views::{self, Origin, Placed};
 use anyhow::Result;
 use finetune::Visibility;
 use gs_model::{Camera, Scene};
+use gsvx::{Choices, Seen};
 use serde::{Deserialize, Serialize};
 use std::convert::Infallible;
 use std::path::{Path, PathBuf};
@@ -39,10 +41,28 @@ impl Sight {
 
     /// What they see of a tile.
     pub(crate) fn of(&self, tile: &Scene) -> Visibility {
-        let moved = |camera: &Camera| camera.clone().relative_to(tile.origin);
-        let cameras: Vec<Camera> = self.cameras.iter().map(moved).collect();
-        let Ok(seen) = Visibility::of(tile, &cameras, |_| Ok::<_, Infallible>(()));
+        let Ok(seen) = Visibility::of(tile, &self.about(tile), |_| Ok::<_, Infallible>(()));
         seen
+    }
+
+    /// Whether a stream of this tile by their importances shows that they may not be the model's own. Warns if so.
+    pub(crate) fn is_doubted(&self, tile: &Scene, choices: Choices) -> Result<bool> {
+        let Some(doubt) = tune::doubt(tile, &self.about(tile), choices.quality)? else {
+            return Ok(false);
+        };
+        let kept = choices.seen == Seen::ByCamerasOnly;
+        let then = if kept {
+            ""
+        } else {
+            "; their importances are not used, but with --drop-unseen they are"
+        };
+        note(format_args!("warning: {}: {doubt}{then}", self.path.display()));
+        Ok(!kept)
+    }
+
+    fn about(&self, tile: &Scene) -> Vec<Camera> {
+        let moved = |camera: &Camera| camera.clone().relative_to(tile.origin);
+        self.cameras.iter().map(moved).collect()
     }
 
     /// Warns if they see little; `share` is that of the opacity in a sample.

@@ -169,6 +169,17 @@ impl Plan {
         Ok(())
     }
 
+    /// Guesses importances from now on, whatever cameras see. [`Plan::measure`] must follow.
+    pub fn forget_cameras(&mut self) {
+        (self.choices.seen, self.unseen) = (Seen::Guessed, UnseenUnit::default());
+    }
+
+    /// The choices that it was made for.
+    #[must_use]
+    pub fn choices(&self) -> Choices {
+        self.choices
+    }
+
     /// Encodes a tile from its Gaussians, in the order of the input, and from what cameras see of them: a stream of its
     /// own, for [`crate::join`]. `seen` is empty if importances are guessed.
     ///
