@@ -24,6 +24,9 @@ pub(crate) struct TrainArgs {
     /// Seed of the views' order, the noise and the places of new Gaussians.
     #[arg(long, default_value_t = 0)]
     seed: u64,
+    /// Train a model that is drawn with opacities that make up for the blur of its small Gaussians (Mip-Splatting).
+    #[arg(long)]
+    antialiased: bool,
     /// Where the model goes [default: out/train/SCENE.ply]. A checkpoint beside it is continued; it is removed at the
     /// end.
     #[arg(long)]
@@ -64,6 +67,7 @@ pub(crate) fn run(args: &TrainArgs) -> Result<()> {
         steps: args.steps,
         cap: args.cap,
         seed: args.seed,
+        antialiased: args.antialiased,
         checkpoint: Some(checkpoint.clone()),
         ..TrainOptions::default()
     };

@@ -193,6 +193,47 @@ impl CoarseSteps {
     }
 }
 
+/// The farthest Gaussian is said to be far out if it is so many times as far from the median as half of all are.
+const FAR_OUT: f32 = 50.0;
+
+/// A sentence, if positions that a format holds in these steps, one for each Gaussian, show that they do.
+pub(crate) fn coarse_when_written(scene: &Scene, steps: &[f64], extension: &str) -> Option<String> {
+    if steps.len() != scene.len() {
+        return None;
+    }
+    let mut seen = CoarseSteps::default();
+    seen.add(scene, |i| steps[i]);
+    let Coarse { gaussians, step, size } = seen.found()?;
+    let far = farthest(scene).map_or(String::new(), |i| {
+        let [x, y, z] = scene.means[i].map(|v| short(f64::from(v)));
+        format!("; Gaussian {i} at ({x}, {y}, {z}) lies far from all others: leave it out")
+    });
+    Some(format!(
+        ".{extension} holds positions in steps of {} here, and {gaussians} of {} Gaussians are about {} wide{far}{} write \
+         .ply, which holds them as floats",
+        short(step),
+        scene.len(),
+        short(size),
+        if far.is_empty() { ";" } else { ", or" },
+    ))
+}
+
+/// The Gaussian that is farthest from the median, if it is far out.
+fn farthest(scene: &Scene) -> Option<usize> {
+    let median = |mut values: Vec<f32>| {
+        let middle = values.len() / 2;
+        *values.select_nth_unstable_by(middle, f32::total_cmp).1
+    };
+    if scene.is_empty() {
+        return None;
+    }
+    let centre = [0, 1, 2].map(|k| median(scene.means.iter().map(|m| m[k]).collect()));
+    let away = |m: &[f32; 3]| (0..3).map(|k| (m[k] - centre[k]).abs()).fold(0.0, f32::max);
+    let distances: Vec<f32> = scene.means.iter().map(away).collect();
+    let (at, far) = distances.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1))?;
+    (*far > FAR_OUT * median(distances.clone())).then_some(at)
+}
+
 /// A number with two significant digits.
 pub(crate) fn short(v: f64) -> String {
     if v == 0.0 || !v.is_finite() {

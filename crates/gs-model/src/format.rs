@@ -4,6 +4,7 @@ use std::fmt;
 use std::io::Write;
 use std::path::Path;
 
+use crate::doubts;
 use crate::error::{Error, Result};
 use crate::fs;
 use crate::report::{ReadOptions, Report};
@@ -13,6 +14,7 @@ use crate::scene::Scene;
 pub(crate) type ReadModel = fn(&Path, &[u8], &ReadOptions) -> Result<(Scene, Report)>;
 /// Writes a scene; the name is for messages. The shape of the scene has been checked.
 pub(crate) type WriteModel = fn(&Path, &mut dyn Write, &Scene) -> Result<()>;
+pub(crate) type StepsOf = fn(&Scene) -> Vec<f64>;
 
 /// A format of models. The table is [`Format::all`].
 pub struct Format {
@@ -28,6 +30,10 @@ pub struct Format {
     pub max_sh_degree: u8,
     /// Whether it says that a model is antialiased (see [`Scene::antialiased`]).
     pub says_antialiased: bool,
+    /// Whether it says where a model lies (see [`Scene::origin`]).
+    pub says_origin: bool,
+    /// The steps in which it holds the positions of the Gaussians, in world units; none where these are floats.
+    pub(crate) steps: Option<StepsOf>,
     pub(crate) read: ReadModel,
     pub(crate) write: Option<WriteModel>,
 }
@@ -57,6 +63,13 @@ impl Format {
     #[must_use]
     pub fn is_written(&self) -> bool {
         self.write.is_some()
+    }
+
+    /// A sentence, without the name of the file, if the steps of positions are coarse beside the Gaussians of a valid
+    /// scene.
+    #[must_use]
+    pub fn coarse_steps(&self, scene: &Scene) -> Option<String> {
+        doubts::coarse_when_written(scene, &self.steps?(scene), self.extensions[0])
     }
 
     /// Writes a scene to a file, which appears whole or not at all.

@@ -701,6 +701,26 @@ fn a_ksplat_of_half_floats_is_read() {
 }
 
 #[test]
+fn steps_that_show_are_said_with_the_gaussian_that_causes_them() {
+    let warned = |name: &str, scene: &Scene| Format::named(name).unwrap().coarse_steps(scene);
+    let mut scene = Scene { log_scales: vec![[-4.0; 3]; 300], ..Scene::zeros(300, 0) };
+    for (i, mean) in scene.means.iter_mut().enumerate() {
+        *mean = [i % 7, i % 11, i % 13].map(|v| v as f32 / 8.0);
+    }
+    for format in Format::all() {
+        assert_eq!(format.coarse_steps(&scene), None, "{format:?}");
+    }
+    scene.means[17] = [60_000.0, 0.0, 0.0];
+    let said = warned("spz", &scene).unwrap();
+    assert!(said.starts_with(".spz holds positions in steps of 0.0078 here"), "{said}");
+    assert!(said.contains("Gaussian 17 at (60000, 0, 0) lies far from all others"), "{said}");
+    assert!(warned("compressed-ply", &scene).unwrap().contains("Gaussian 17"));
+    assert_eq!(warned("ply", &scene), None);
+    scene.log_scales.fill([-1.0; 3]);
+    assert_eq!(warned("spz", &scene), None);
+}
+
+#[test]
 fn an_antialiased_model_is_antialiased_in_every_format_that_has_a_place_for_it() {
     for antialiased in [true, false] {
         let scene = Scene { antialiased, ..small() };

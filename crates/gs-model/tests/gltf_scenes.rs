@@ -105,6 +105,55 @@ fn gaussians_lie_where_the_nodes_put_them() {
 }
 
 #[test]
+fn the_origin_of_a_model_is_the_place_of_a_node() {
+    let origin = [450_000.25, 5_411_000.0, 120.0];
+    let model = Scene { origin, ..scene(20) };
+    let (json, _) = parts(&model);
+    let place = serde_json::json!([-450_000.25, -5_411_000.0, 120.0]);
+    assert_eq!(json["nodes"][0]["translation"], place);
+    let mut glb = Vec::new();
+    Format::named("glb").unwrap().write_to("a.glb", &mut glb, &model).unwrap();
+    let (back, _) = read("a.glb", &glb).unwrap();
+    assert_eq!((back.origin, back.means), (origin, model.means));
+}
+
+#[test]
+fn meshes_of_which_some_are_antialiased_are_said_to_be_read_alike() {
+    let half = |antialiased: bool| {
+        let mut glb = Vec::new();
+        let scene = Scene { antialiased, ..scene(5) };
+        gltf::write_spz("a.glb", &mut glb, &scene, ShBits::default()).unwrap();
+        let len = u32::from_le_bytes(glb[12..16].try_into().unwrap()) as usize;
+        let json: serde_json::Value = serde_json::from_slice(&glb[20..20 + len]).unwrap();
+        let uri = format!("data:;base64,{}", BASE64_STANDARD.encode(&glb[28 + len..]));
+        (json, serde_json::json!({ "byteLength": glb.len() - 28 - len, "uri": uri }))
+    };
+    let ((mut root, first), (mut other, second)) = (half(true), half(false));
+    // One file with both: the second's accessors and view come after the first's.
+    let accessors = other["accessors"].as_array().unwrap().clone();
+    let shift = root["accessors"].as_array().unwrap().len();
+    root["accessors"].as_array_mut().unwrap().extend(accessors);
+    let mut view = other["bufferViews"][0].take();
+    view["buffer"] = 1.into();
+    root["bufferViews"].as_array_mut().unwrap().push(view);
+    let mut mesh = other["meshes"][0].take();
+    let primitive = &mut mesh["primitives"][0];
+    for at in primitive["attributes"].as_object_mut().unwrap().values_mut() {
+        *at = (at.as_u64().unwrap() + shift as u64).into();
+    }
+    let splats = &mut primitive["extensions"]["KHR_gaussian_splatting"]["extensions"];
+    splats["KHR_gaussian_splatting_compression_spz_2"]["bufferView"] = 1.into();
+    root["meshes"].as_array_mut().unwrap().push(mesh);
+    root["nodes"] = serde_json::json!([{ "mesh": 0 }, { "mesh": 1 }]);
+    root["scenes"] = serde_json::json!([{ "nodes": [0, 1] }]);
+    root["buffers"] = serde_json::json!([first, second]);
+    let (both, report) = read("a.gltf", root.to_string().as_bytes()).unwrap();
+    assert!(both.antialiased && both.len() == 10);
+    let said = "some meshes are antialiased and some are not; all are read as antialiased, as the first is";
+    assert!(report.notes.iter().any(|note| note == said), "{:?}", report.notes);
+}
+
+#[test]
 fn a_gltf_with_spz_is_the_model_that_was_written() {
     let mut glb = Vec::new();
     gltf::write_spz("a.glb", &mut glb, &scene(50), ShBits::default()).unwrap();

@@ -126,5 +126,6 @@ fn write(args: &ConvertArgs, format: &Format, output: Output, scene: &Scene) -> 
     let written =
         output.write(|out| Ok(out.write_all(&spz::pack(&name, scene, args.spz_sh_bits)?)?))?;
     format::say_lost_origin(&name, format, scene.origin);
+    format::say_coarse_steps(&name, format, scene);
     Ok(written)
 }

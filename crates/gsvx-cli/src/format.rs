@@ -83,11 +83,18 @@ pub(crate) fn of_output(
 /// Says that a file does not tell where a model lies, if its format has no place for that.
 pub(crate) fn say_lost_origin(name: &str, format: &Format, origin: [f64; 3]) {
     let [x, y, z] = origin;
-    if origin != [0.0; 3] && !format.name.ends_with("ply") {
+    if origin != [0.0; 3] && !format.says_origin {
         note(format_args!(
             "warning: {name}: positions are relative to the origin ({x}, {y}, {z}), which .{} does not hold; keep it",
             format.extensions[0]
         ));
+    }
+}
+
+/// Says that a format holds positions in steps that show.
+pub(crate) fn say_coarse_steps(name: &str, format: &Format, scene: &Scene) {
+    if let Some(coarse) = format.coarse_steps(scene) {
+        note(format_args!("warning: {name}: {coarse}"));
     }
 }
 
@@ -96,6 +103,7 @@ pub(crate) fn write(format: &Format, output: Output, scene: &Scene) -> Result<Wr
     let name = output.name();
     let written = output.write(|out| Ok(format.write_to(&name, out, scene)?))?;
     say_lost_origin(&name, format, scene.origin);
+    say_coarse_steps(&name, format, scene);
     let (kept, all) = (format.max_sh_degree, scene.sh_degree);
     if kept < all {
         let (first, format) = (kept + 1, format.extensions[0]);

@@ -9,7 +9,7 @@
 mod site;
 mod tiles;
 
-use crate::exit::usage;
+use crate::exit::{note, usage};
 use crate::input::{self, Limit};
 use crate::output::OutputFolder;
 use crate::progress::Meter;
@@ -79,6 +79,13 @@ pub(crate) fn run(args: &LodArgs, report: Reporter) -> Result<()> {
     let name = input::name(&args.input);
     if index.chunks.iter().all(|c| c.kind == Kind::Exact) {
         bail!("{name}: is lossless, so it has no octree to divide; encode without --lossless");
+    }
+    let [x, y, z] = index.header.origin;
+    if index.header.origin != [0.0; 3] && args.format == LodFormat::Tiles {
+        note(format_args!(
+            "note: {name}: positions are relative to the origin ({x}, {y}, {z}), which the tiles do not hold: --at says \
+             where that point is"
+        ));
     }
     let mut to = Folder { output: OutputFolder::open(&args.output, args.force)?, args };
     let (list, bytes) = match args.format {

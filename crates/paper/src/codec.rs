@@ -50,7 +50,7 @@ pub fn encode(
     scene.validate()?;
     check_means(scene, octree)?;
     let plan = RahtPlan::new(octree.clone());
-    let mut out = ContainerWriter::new(scene.sh_degree);
+    let mut out = ContainerWriter::new(scene.sh_degree, scene.antialiased);
     positions::encode(octree, &mut out)?;
     sh_and_opacity::encode(scene, &plan, qp, &mut out)?;
     let covariances = covariance.encode(scene, &plan, sensitivities)?;
@@ -83,7 +83,7 @@ pub fn decode(bytes: &[u8]) -> Result<Scene> {
 /// # Errors
 /// As [`decode`].
 pub fn decode_within(bytes: &[u8], limits: &Limits) -> Result<Scene> {
-    let (mut input, sh_degree) = ContainerReader::open(bytes)?;
+    let (mut input, sh_degree, antialiased) = ContainerReader::open(bytes)?;
     let octree = positions::decode(&mut input, limits)?;
     let means = (0..octree.len()).map(|i| octree.centre(i)).collect();
     let plan = RahtPlan::new(octree);
@@ -91,5 +91,6 @@ pub fn decode_within(bytes: &[u8], limits: &Limits) -> Result<Scene> {
     let coded = input.block("covariance")?;
     let (rotations, log_scales) = covariance::decode(coded, &plan)?;
     input.finish()?;
-    Ok(Scene { means, rotations, log_scales, opacity_logits, sh_degree, sh, ..Scene::default() })
+    let empty = Scene { sh_degree, antialiased, ..Scene::default() };
+    Ok(Scene { means, rotations, log_scales, opacity_logits, sh, ..empty })
 }

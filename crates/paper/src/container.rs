@@ -3,7 +3,7 @@
 //! | bytes | what |
 //! |---|---|
 //! | 6 | `paper`, version 1 |
-//! | 1 | SH degree, 0 to 3 |
+//! | 1 | SH degree, 0 to 3; and 128 if the model is antialiased |
 //! | 32 | cube: origin x, y, z and side, 64-bit floats in little-endian order |
 //! | block | geometry |
 //! | block | opacity |
@@ -15,6 +15,8 @@
 use crate::error::{Error, Result};
 
 const SIGNATURE: [u8; 6] = *b"paper\x01";
+/// Added to the SH degree.
+const ANTIALIASED: u8 = 128;
 
 /// A stream that is being written.
 pub(crate) struct ContainerWriter {
@@ -24,10 +26,10 @@ pub(crate) struct ContainerWriter {
 }
 
 impl ContainerWriter {
-    pub(crate) fn new(sh_degree: u8) -> Self {
+    pub(crate) fn new(sh_degree: u8, antialiased: bool) -> Self {
         let mut this = Self { bytes: Vec::new(), parts: Vec::new() };
         this.raw("head", &SIGNATURE);
-        this.raw("head", &[sh_degree]);
+        this.raw("head", &[sh_degree | if antialiased { ANTIALIASED } else { 0 }]);
         this
     }
 
@@ -63,11 +65,12 @@ pub(crate) fn put_block(out: &mut Vec<u8>, bytes: &[u8]) {
 pub(crate) struct ContainerReader<'a>(pub(crate) &'a [u8]);
 
 impl<'a> ContainerReader<'a> {
-    /// Opens a stream; returns its SH degree too.
-    pub(crate) fn open(bytes: &'a [u8]) -> Result<(Self, u8)> {
+    /// Opens a stream; returns its SH degree too, and whether its model is antialiased.
+    pub(crate) fn open(bytes: &'a [u8]) -> Result<(Self, u8, bool)> {
         let mut this = Self(bytes.strip_prefix(&SIGNATURE).ok_or(Error::Signature)?);
-        match this.array("SH degree")? {
-            [degree @ 0..=3] => Ok((this, degree)),
+        let [head] = this.array("SH degree")?;
+        match head & !ANTIALIASED {
+            degree @ 0..=3 => Ok((this, degree, head != degree)),
             _ => Err(Error::Corrupt { what: "SH degree above 3" }),
         }
     }

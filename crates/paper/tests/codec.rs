@@ -42,6 +42,16 @@ fn positions_and_integers_of_covariances_come_back() {
 }
 
 #[test]
+fn an_antialiased_model_comes_back_antialiased() {
+    for antialiased in [true, false] {
+        let mut of = voxelized(200, 1, &Strategy::Uniform { depth: 6 });
+        of.scene.antialiased = antialiased;
+        let back = paper::decode(&encode(&of, LOSSY).bytes).unwrap();
+        assert_eq!((back.antialiased, back.sh_degree), (antialiased, 1));
+    }
+}
+
+#[test]
 fn covariances_are_the_nearest_codewords() {
     let of = voxelized(2000, 0, &Strategy::Uniform { depth: 8 });
     let (scene, n) = (&of.scene, of.scene.len());

@@ -37,6 +37,7 @@ fn train(options: &TrainOptions) -> Trained {
 fn a_model_grows_from_points_to_its_cap_and_shows_the_held_out_photos() {
     let options = TrainOptions { steps: 600, cap: 5000, ..TrainOptions::default() };
     let trained = train(&options);
+    assert!(!trained.scene.antialiased);
     assert_eq!((trained.scene.len(), trained.reason), (5000, StopReason::Steps));
     trained.scene.validate().unwrap();
     let [_, held_out] = views();
@@ -64,6 +65,15 @@ fn a_training_that_is_interrupted_ends_with_the_same_model() {
     }
     cancel.store(false, Ordering::Relaxed);
     assert_eq!(train(&parts).scene, train(&whole).scene);
+}
+
+#[test]
+fn an_antialiased_model_is_trained_as_such() {
+    let options = TrainOptions { steps: 20, cap: 4000, ..TrainOptions::default() };
+    let [plain, antialiased] = [false, true]
+        .map(|antialiased| train(&TrainOptions { antialiased, ..options.clone() }).scene);
+    assert!(antialiased.antialiased && !plain.antialiased);
+    assert_ne!(antialiased.opacity_logits, plain.opacity_logits);
 }
 
 #[test]

@@ -5,7 +5,7 @@ use crate::scene::Scene;
 /// The signs that the axes get.
 pub(crate) struct Signs {
     /// Of x, y and z.
-    pub(super) axes: [f32; 3],
+    pub(crate) axes: [f32; 3],
     /// Of each basis function, degrees 0 to 3.
     sh: [f32; 16],
 }

@@ -66,7 +66,7 @@ pub(super) fn finish(
 ) -> Result<()> {
     let view = document.view(data.len() as u64, None);
     let length = document.length();
-    let json = document.json(Some((extension, json!({ "bufferView": view }))));
+    let json = document.json(Some((extension, json!({ "bufferView": view }))), [0.0; 3]);
     let head = container::head(&json, length).ok_or_else(|| {
         Error::unwritable(file, "it takes more than 4 GiB, which glTF cannot hold")
     })?;

@@ -60,8 +60,8 @@ impl Document {
         self.length
     }
 
-    /// The JSON. `compression` is the extension that compresses the primitive, and what it says.
-    pub(super) fn json(self, compression: Option<(&str, Value)>) -> Vec<u8> {
+    /// The JSON of a model that a node moves. `compression` is the extension that compresses the primitive, and what it says.
+    pub(super) fn json(self, compression: Option<(&str, Value)>, shift: [f64; 3]) -> Vec<u8> {
         let mut splats = json!({ "kernel": "ellipse", "colorSpace": "srgb_rec709_display" });
         let mut used = vec![EXTENSION];
         if let Some((name, said)) = &compression {
@@ -81,6 +81,9 @@ impl Document {
             "bufferViews": self.views,
             "buffers": [{ "byteLength": self.length }],
         });
+        if shift != [0.0; 3] {
+            root["nodes"][0]["translation"] = json!(shift);
+        }
         if compression.is_some() {
             root["extensionsRequired"] = json!(used);
         }

@@ -50,6 +50,8 @@ pub(crate) static FORMAT: Format = Format {
     magic: &[container::MAGIC],
     max_sh_degree: 3,
     says_antialiased: false,
+    says_origin: true,
+    steps: None,
     read: read::read,
     write: Some(write::write),
 };

@@ -67,6 +67,15 @@ pub(super) fn read(file: &Path, bytes: &[u8], options: &ReadOptions) -> Result<(
             }
             notes.into_iter().for_each(|note| say(&mut report, note));
             part.notes.iter().for_each(|note| say(&mut report, note.clone()));
+            if all.as_ref().is_some_and(|before| before.antialiased != scene.antialiased) {
+                let which = if scene.antialiased { "not antialiased" } else { "antialiased" };
+                say(
+                    &mut report,
+                    format!(
+                        "some meshes are antialiased and some are not; all are read as {which}, as the first is"
+                    ),
+                );
+            }
             all = Some(match all {
                 None => scene,
                 Some(before) => joined(before, scene),
@@ -150,7 +159,7 @@ fn form(parts: &[&Part<'_>]) -> String {
 /// The Gaussians of one scene, then of the other, at the higher SH degree of the two.
 fn joined(mut first: Scene, second: Scene) -> Scene {
     if second.sh_degree > first.sh_degree {
-        let mut all = Scene { sh_degree: second.sh_degree, ..Scene::default() };
+        let mut all = first.emptied(second.sh_degree);
         all.append(&first);
         first = all;
     }

@@ -26,6 +26,8 @@ pub(crate) static FORMAT: Format = Format {
     magic: &[],
     max_sh_degree: 3,
     says_antialiased: false,
+    says_origin: false,
+    steps: None,
     read: |file, bytes, _| read(file, bytes),
     write: None,
 };

@@ -44,6 +44,8 @@ pub(crate) static FORMAT: Format = Format {
     magic: &[b"ply"],
     max_sh_degree: 3,
     says_antialiased: true,
+    says_origin: true,
+    steps: None,
     read: |file, bytes, _| read_file(file, bytes),
     write: Some(write::write_all),
 };

@@ -34,6 +34,8 @@ pub(crate) static FORMAT: Format = Format {
     magic: &[b"PK\x03\x04"],
     max_sh_degree: 3,
     says_antialiased: true,
+    says_origin: false,
+    steps: None,
     read: |file, bytes, _| read(file, bytes),
     write: None,
 };

@@ -42,6 +42,8 @@ pub(crate) static FORMAT: Format = Format {
     magic: &[b"\x1f\x8b\x08", MAGIC],
     max_sh_degree: 3,
     says_antialiased: true,
+    says_origin: false,
+    steps: Some(write::steps),
     read,
     write: Some(write::write),
 };

@@ -204,6 +204,12 @@ fn fractional_bits(file: &Path, scene: &Scene) -> Result<u8> {
         as u8)
 }
 
+/// The step of every position; nothing of a scene that cannot be written.
+pub(super) fn steps(scene: &Scene) -> Vec<f64> {
+    let bits = fractional_bits(Path::new("scene"), scene);
+    bits.map_or(Vec::new(), |bits| vec![1.0 / f64::from(1u32 << bits); scene.len()])
+}
+
 /// The nearest byte; NaN gives 0.
 fn byte(v: f32) -> u8 {
     libm::roundf(v) as u8

@@ -61,6 +61,8 @@ pub struct TrainOptions {
     pub cap: usize,
     /// SH degree of the model, at most 3.
     pub sh_degree: u8,
+    /// Whether the model is antialiased: see [`Scene::antialiased`].
+    pub antialiased: bool,
     /// Most pixels of a step.
     pub pixels: u32,
     /// Seed of the order of the views, the noise and the places of new Gaussians.
@@ -77,6 +79,7 @@ impl Default for TrainOptions {
             steps: 7500,
             cap: 200_000,
             sh_degree: 3,
+            antialiased: false,
             pixels: 250_000,
             seed: 0,
             checkpoint: None,
@@ -128,10 +131,12 @@ impl Train {
             return Err(out_of("SH degree", sh_degree.into(), "at most 3"));
         }
         finetune::check_views(&views)?;
-        let scene = begin::begin(points, sh_degree);
+        let mut scene = begin::begin(points, sh_degree);
+        scene.antialiased = options.antialiased;
         // What a view shows lies together in memory. Later Gaussians are added in the order of their hosts.
         let scene = scene.select(&gs_model::morton_order(&scene.means));
-        let told = format!("train {} {cap} {pixels} {seed}", options.steps);
+        let drawn = if options.antialiased { " antialiased" } else { "" };
+        let told = format!("train {} {cap} {pixels} {seed}{drawn}", options.steps);
         let fingerprint = fingerprint(&scene, views.iter().map(camera_and_photo), &told);
         let coarse: Vec<TrainView> = views.iter().map(|view| smaller(view, pixels)).collect();
         let fine = if coarse.iter().zip(&views).any(|(a, b)| a.camera.width < b.camera.width) {

@@ -32,6 +32,8 @@ pub(crate) static FORMAT: Format = Format {
     magic: super::FORMAT.magic,
     max_sh_degree: 3,
     says_antialiased: true,
+    says_origin: true,
+    steps: Some(write::steps),
     read: super::FORMAT.read,
     write: Some(write::write),
 };

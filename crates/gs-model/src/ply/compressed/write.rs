@@ -36,6 +36,19 @@ pub(super) fn write(file: &Path, out: &mut dyn Write, scene: &Scene) -> Result<(
     order.chunks(CHUNK).try_for_each(|part| put(&sh_bytes(scene, part)))
 }
 
+/// The largest step of the position of each Gaussian.
+pub(super) fn steps(scene: &Scene) -> Vec<f64> {
+    let mut steps = vec![0.0; scene.len()];
+    for part in order(scene).chunks(CHUNK) {
+        let [low, high] = bounds_of(part.iter().map(|&i| scene.means[i]));
+        // x and z have 11 bits, y has 10.
+        let of = |k: usize| f64::from(high[k] - low[k]) / [2047.0, 1023.0, 2047.0][k];
+        let step = of(0).max(of(1)).max(of(2));
+        part.iter().for_each(|&i| steps[i] = step);
+    }
+    steps
+}
+
 fn header(scene: &Scene) -> Vec<u8> {
     let (n, rest) = (scene.len(), 3 * (scene.sh_len() - 1));
     let mut elements = vec![
