@@ -84,6 +84,16 @@ impl Scene {
         }
     }
 
+    /// As [`Scene::zeros`].
+    ///
+    /// # Errors
+    /// If the system has no memory.
+    pub fn try_zeros(n: usize, sh_degree: u8) -> Result<Self, TryReserveError> {
+        // Asked for and given back: memory that is reserved does not come zeroed.
+        Self { sh_degree, ..Self::default() }.try_reserve(n)?;
+        Ok(Self::zeros(n, sh_degree))
+    }
+
     /// A scene without Gaussians that is antialiased if this one is, and has its origin.
     #[must_use]
     pub fn emptied(&self, sh_degree: u8) -> Self {

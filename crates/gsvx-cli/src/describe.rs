@@ -4,6 +4,7 @@ use crate::input::{self, Loaded};
 use crate::report::Reporter;
 use anyhow::Result;
 use gs_model::Scene;
+use gs_model::ply::Parts;
 use indicatif::DecimalBytes;
 use serde_json::{Value, json};
 use std::path::Path;
@@ -46,6 +47,28 @@ pub(crate) fn model(loaded: &Loaded, path: &Path, report: Reporter) -> Result<()
         "notes": file.sentences(),
     });
     report.say(false, text.trim_end(), &json)
+}
+
+/// Describes a model whose Gaussians have not been read.
+pub(crate) fn unread(parts: &Parts, path: &Path, report: Reporter) -> Result<()> {
+    let (file, gaussians) = (parts.report(), parts.gaussians_in_file());
+    let bytes = std::fs::metadata(path)?.len();
+    let text = format!(
+        "{}: {} ({bytes} bytes)\n  format         {}\n  Gaussians      {gaussians}\n  SH degree      {}\n\n  \
+         Only the head was read, not the Gaussians; gsvx encode finds faults in them",
+        input::name(path),
+        DecimalBytes(bytes),
+        file.form,
+        parts.sh_degree(),
+    );
+    let json = json!({
+        "format": file.form,
+        "bytes": bytes,
+        "gaussians_in_file": gaussians,
+        "sh_degree": parts.sh_degree(),
+        "notes": file.sentences(),
+    });
+    report.say(false, &text, &json)
 }
 
 /// The line about where the origin of a model lies; nothing if it is 0.

@@ -2,10 +2,11 @@
 
 use crate::batch;
 use crate::describe;
-use crate::input::{self, Opened, ReadingAny};
+use crate::input::{self, LARGE, Opened, ReadingAny};
 use crate::report::Reporter;
+use crate::stream_file::{StreamBytes, StreamFile};
 use anyhow::{Context, Result};
-use gsvx::{Chunk, DecodeOptions, Decoder, Index, Kind};
+use gsvx::{Chunk, Index, Kind, Source};
 use indicatif::DecimalBytes;
 use serde_json::{Map, Value, json};
 use std::path::{Path, PathBuf};
@@ -27,18 +28,35 @@ pub(crate) struct InfoArgs {
 
 /// Describes streams and models.
 pub(crate) fn run(args: &InfoArgs, report: Reporter) -> Result<()> {
-    batch::run(&args.inputs, |path| match args.reading.open(path)? {
-        Opened::Stream(bytes) => stream(&bytes, path, args, report),
-        Opened::Model(loaded) => describe::model(&loaded, path, report),
+    batch::run(&args.inputs, |path| {
+        if args.reading.model.is_stream_file(path)? {
+            let stream = StreamFile::open(path)?;
+            return describe_stream(&stream.source, &stream.index, path, args, report);
+        }
+        if let Some(parts) = args.reading.model.large(path)? {
+            return describe::unread(&parts, path, report);
+        }
+        match args.reading.open(path)? {
+            Opened::Stream(bytes) => {
+                let index = Index::parse(&bytes).with_context(|| input::name(path))?;
+                describe_stream(&StreamBytes::Memory(bytes), &index, path, args, report)
+            }
+            Opened::Model(loaded) => describe::model(&loaded, path, report),
+        }
     })
 }
 
 /// Prints what a stream holds, and what is missing or damaged.
-fn stream(bytes: &[u8], path: &Path, args: &InfoArgs, report: Reporter) -> Result<()> {
+fn describe_stream(
+    bytes: &StreamBytes,
+    index: &Index,
+    path: &Path,
+    args: &InfoArgs,
+    report: Reporter,
+) -> Result<()> {
     let name = input::name(path);
-    let index = Index::parse(bytes).with_context(|| name.clone())?;
     let h = &index.header;
-    let (have, total) = (bytes.len() as u64, index.stream_len());
+    let (have, total) = (bytes.len(), index.stream_len());
     let exact: u64 = index.chunks.iter().filter(|c| c.kind == Kind::Exact).map(|c| c.count).sum();
     args.reading.limit.check(path, h.count)?;
     let per = |n: u64| 8.0 * n as f64 / (h.count.max(1) as f64);
@@ -72,7 +90,19 @@ fn stream(bytes: &[u8], path: &Path, args: &InfoArgs, report: Reporter) -> Resul
         let share = 100.0 * n as f64 / total.max(1) as f64;
         line(format!("  {part:<16} {n:>12} {:>14.2} {share:>6.1}%", per(n)));
     }
-    let faults = faults(bytes, &index);
+    // Of a larger stream the head alone is read.
+    let is_compared = total.min(have) <= LARGE;
+    let mut faults =
+        if is_compared { gsvx::faults(bytes).with_context(|| name.clone())? } else { Vec::new() };
+    if !is_compared {
+        line(format!(
+            "\n  Only the head was read, not {} of chunks; gsvx decode finds damage in them",
+            DecimalBytes(total)
+        ));
+        if have < total {
+            faults.push(format!("{} bytes are missing at the end", total - have));
+        }
+    }
     for fault in &faults {
         line(format!("\n  {fault}"));
     }
@@ -93,6 +123,7 @@ fn stream(bytes: &[u8], path: &Path, args: &InfoArgs, report: Reporter) -> Resul
         "chunks": index.chunks.iter().map(chunk_json).collect::<Vec<_>>(),
         "parts": parts(&index.parts()),
         "faults": faults,
+        "chunks_compared": is_compared,
     });
     report.say(false, text.trim_end(), &json)
 }
@@ -120,18 +151,4 @@ fn short(x: f64) -> String {
     } else {
         format!("{x:.4e}")
     }
-}
-
-/// What is missing or damaged, level of detail by level of detail.
-fn faults(bytes: &[u8], index: &Index) -> Vec<String> {
-    let mut faults = Vec::new();
-    for lod in 0..=index.coarsest_lod() {
-        let mut options = DecodeOptions::default();
-        (options.lod, options.salvage, options.max_gaussians) = (lod, true, Some(u64::MAX));
-        if let Ok(decoder) = Decoder::new(bytes, &options) {
-            let new = decoder.skipped().iter().filter(|fault| !faults.contains(*fault));
-            faults.extend(new.cloned().collect::<Vec<_>>());
-        }
-    }
-    faults
 }

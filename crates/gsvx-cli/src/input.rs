@@ -12,6 +12,9 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
+/// Bytes of a file of which `gsvx info` reads all.
+pub(crate) const LARGE: u64 = 2 << 30;
+
 /// How a model is read.
 #[derive(clap::Args, Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Reading {
@@ -55,7 +58,7 @@ pub(crate) struct ReadingAny {
 }
 
 /// How large an input may be.
-#[derive(clap::Args, Clone, Copy, Debug)]
+#[derive(clap::Args, Clone, Copy, Debug, Default)]
 pub(crate) struct Limit {
     /// Refuse inputs of more Gaussians than this [default for streams: as many as take 1024 bytes per byte, and 64 MiB more].
     #[arg(long, value_name = "N", value_parser = size::count, hide_short_help = true,
@@ -127,6 +130,18 @@ impl Reading {
             return Ok(None);
         }
         Ok(ply::Parts::open(path, &self.options(None))?)
+    }
+
+    /// Whether this is a plain file that holds a stream.
+    pub(crate) fn is_stream_file(&self, path: &Path) -> Result<bool> {
+        let says = self.from.as_deref().is_none_or(|from| from == STREAM);
+        Ok(says && path.is_file() && !is_stdio(path) && starts_like_stream(path)?)
+    }
+
+    /// A model of which only the head is to be described, because there is so much of it.
+    pub(crate) fn large(&self, path: &Path) -> Result<Option<ply::Parts>> {
+        let is_large = std::fs::metadata(path).is_ok_and(|m| m.is_file() && m.len() > LARGE);
+        if is_large { self.parts(path) } else { Ok(None) }
     }
 
     /// A model of any format that gs-model reads; a stream is refused. Says what its file held if `say`.

@@ -49,7 +49,7 @@ pub(crate) fn read(
     max_sh_degree: u8,
     limit: Limit,
 ) -> Result<Inside> {
-    let mut file = StreamFile::open(path)?;
+    let mut file = StreamFile::open_limited(path, limit)?;
     let index = &file.index;
     let sh_degree = index.header.sh_degree.min(max_sh_degree);
     let of_level: Vec<usize> = index.chunks_of_lod(lod.min(index.coarsest_lod())).collect();

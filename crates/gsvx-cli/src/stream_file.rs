@@ -1,6 +1,6 @@
 //! A stream in a file that is read chunk by chunk, so that memory holds a chunk at a time.
 
-use crate::input;
+use crate::input::{self, Limit};
 use crate::output::is_stdio;
 use crate::positional::At;
 use anyhow::{Context, Result};
@@ -40,7 +40,11 @@ impl Source for StreamBytes {
     fn read(&self, range: Range<u64>) -> std::io::Result<Vec<u8>> {
         match self {
             Self::File(file, _) => {
-                let mut bytes = vec![0; (range.end - range.start) as usize];
+                // The length is a claim of the stream.
+                let length = (range.end - range.start) as usize;
+                let mut bytes = Vec::new();
+                bytes.try_reserve_exact(length)?;
+                bytes.resize(length, 0);
                 At(file, range.start).read_exact(&mut bytes)?;
                 Ok(bytes)
             }
@@ -52,7 +56,7 @@ impl Source for StreamBytes {
 /// A stream whose head has been read.
 pub(crate) struct StreamFile {
     name: String,
-    source: StreamBytes,
+    pub(crate) source: StreamBytes,
     reader: Reader,
     pub(crate) index: Index,
     pub(crate) bytes_read: u64,
@@ -61,8 +65,14 @@ pub(crate) struct StreamFile {
 impl StreamFile {
     /// Opens a stream and reads its head.
     pub(crate) fn open(path: &Path) -> Result<Self> {
+        Self::open_limited(path, Limit::default())
+    }
+
+    /// As [`StreamFile::open`], with a limit of Gaussians.
+    pub(crate) fn open_limited(path: &Path, limit: Limit) -> Result<Self> {
         let (name, source) = (input::name(path), StreamBytes::open(path)?);
-        let (reader, index) = (Reader::new(), Index::default());
+        let reader = limit.max_gaussians.map_or_else(Reader::new, Reader::with_max_gaussians);
+        let index = Index::default();
         let mut this = Self { name, source, reader, index, bytes_read: 0 };
         while let Some(range) = this.reader.head_needs() {
             let bytes = this.read(range.clone())?;

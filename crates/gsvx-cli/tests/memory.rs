@@ -2,6 +2,9 @@
 #![cfg(target_os = "linux")]
 
 mod common;
+#[allow(dead_code, reason = "a part is used")]
+#[path = "../../gsvx/tests/common/forge.rs"]
+mod forge;
 
 use std::process::{Command, Stdio};
 
@@ -53,6 +56,45 @@ fn peak_bytes(command: &mut Command) -> u64 {
     assert!(child.wait().unwrap().success());
     assert!(program > 0, "RssFile was not read");
     peak - program
+}
+
+/// A file that is 5 GB long and has these bytes at its start; the others take no room on the disk.
+fn sparse(path: &std::path::Path, start: &[u8]) {
+    std::fs::write(path, start).unwrap();
+    let file = std::fs::OpenOptions::new().write(true).open(path).unwrap();
+    file.set_len(5_000_000_000).unwrap();
+}
+
+#[test]
+fn info_of_a_large_file_reads_its_head() {
+    let folder = tempfile::tempdir().unwrap();
+    let [behind, claimed, cut, ply] = ["behind.gsvx", "claimed.gsvx", "cut.gsvx", "large.ply"]
+        .map(|name| folder.path().join(name));
+    let golden = std::fs::read(common::room().join("../streams/default.gsvx")).unwrap();
+    sparse(&behind, &golden);
+    let (mut index, _) = forge::take_apart(&golden);
+    index.chunks[0].layers[0].len = 4_900_000_000;
+    sparse(&claimed, &forge::head(&index));
+    std::fs::write(&cut, forge::head(&index)).unwrap();
+    let (room, _) = gs_model::ply::read(model()).unwrap();
+    gs_model::ply::write(&ply, &room).unwrap();
+    let text = std::fs::read(&ply).unwrap();
+    let end = text.windows(10).position(|w| w == b"end_header").unwrap() + 11;
+    let many = format!("element vertex {}", 4_900_000_000 / ((text.len() - end) / room.len()));
+    let head = String::from_utf8(text[..end].to_vec()).unwrap();
+    let head = head.replace(&format!("element vertex {}", room.len()), &many);
+    sparse(&ply, head.as_bytes());
+    for (file, said) in [
+        (&behind, "bytes after the last chunk are not part of it"),
+        (&claimed, "Only the head was read"),
+        (&cut, "stream truncated in a chunk: 0 of 4900000000 bytes"),
+        (&ply, "Only the head was read"),
+    ] {
+        let text = common::ok(&["info", "@"], &[file]);
+        assert!(text.contains(said), "{text}");
+        let peak = peak_bytes(gsvx().arg("info").arg(file));
+        assert!(peak < PROCESS + 20_000_000, "{}: {peak} bytes", file.display());
+    }
 }
 
 /// Two chunks, and four.

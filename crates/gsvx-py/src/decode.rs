@@ -48,8 +48,9 @@ pub(crate) struct StreamReader {
 #[pymethods]
 impl StreamReader {
     #[new]
-    fn new(name: String) -> Self {
-        Self { reader: gsvx::Reader::new(), name }
+    fn new(name: String, max_gaussians: Option<u64>) -> Self {
+        let new = gsvx::Reader::with_max_gaussians;
+        Self { reader: max_gaussians.map_or_else(gsvx::Reader::new, new), name }
     }
 
     /// First and last byte, exclusive, that are needed before the head is known; None when it is.

@@ -102,6 +102,14 @@ def test_what_is_no_stream_is_an_error(stream):
         gsvx.open(7)
 
 
+def test_a_chunk_of_more_gaussians_than_the_caller_accepts_is_refused(stream, tmp_path):
+    with gsvx.open(io.BytesIO(stream), max_gaussians=10) as opened:
+        with pytest.raises(gsvx.Error, match="more than the limit of 10"):
+            opened.read(len(opened.chunks) - 1)
+    with pytest.raises(ValueError, match="max_gaussians"):
+        gsvx.open(io.BytesIO(stream), max_gaussians=-1)
+
+
 def test_fsspec(stream, tmp_path):
     fsspec = pytest.importorskip("fsspec")
     filesystem = fsspec.filesystem("memory")

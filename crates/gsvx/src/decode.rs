@@ -1,7 +1,7 @@
 //! The decoder of whole streams, in memory or in files. [`crate::Reader`] is for those that arrive in parts.
 
 use crate::chunk::{GaussiansMut, resize};
-use crate::decoded_chunk::{DecodedChunk, verify};
+use crate::decoded_chunk::{DecodedChunk, check, verify};
 use crate::error::{Error, Result, coding};
 use crate::head::{Header, Index, Layer, head_len};
 use crate::parallel;
@@ -86,11 +86,14 @@ pub fn decode(bytes: &[u8]) -> Result<Scene> {
 pub fn decode_with(bytes: &[u8], options: &DecodeOptions) -> Result<Decoded> {
     let decoder = Decoder::new(bytes, options)?;
     let mut scene = decoder.empty_scene();
+    let likely = default_max_gaussians(bytes.len() as u64, decoder.sh_degree());
+    let likely = usize::try_from(likely).unwrap_or(usize::MAX);
     decoder.chunks::<Error>(|chunk| {
-        // Not before a chunk is there: what a stream claims takes no memory.
-        if scene.is_empty() {
-            let all = decoder.len();
-            scene.try_reserve(all).map_err(|_| Error::memory(all))?;
+        if scene.means.capacity() < scene.len() + chunk.len() {
+            // What a stream claims takes no memory before a chunk is there, and is not believed at once if it is much.
+            let rest = decoder.len() - scene.len();
+            let room = rest.min(likely.max(scene.len())).max(chunk.len());
+            scene.try_reserve(room).map_err(|_| Error::memory(room))?;
         }
         scene.append(&chunk);
         Ok(())
@@ -118,6 +121,34 @@ pub fn decode_leaves(bytes: &[u8]) -> Result<(Octree, Vec<u8>)> {
         }
     }
     Ok((octree, classes))
+}
+
+/// What the checksums of a stream show of damage in its chunks, one line each. Nothing is decoded, and each thread holds
+/// at most a megabyte of the stream.
+///
+/// # Errors
+/// Damage of the head, as [`decode`]; [`Error::Read`].
+pub fn faults(source: &dyn Source) -> Result<Vec<String>> {
+    let bytes = Bytes::Source(source);
+    let index = Index::parse(&bytes.head()?)?;
+    let decoder = Decoder { bytes, sh_degree: 3, index, skipped: Vec::new(), jobs: Vec::new() };
+    let fault = |chunk: usize| {
+        let layers = decoder.index.chunks[chunk].layers.iter().enumerate();
+        let bad = |(number, layer): (usize, &Layer)| {
+            decoder.compare(chunk, number, *layer).err().map(|why| (number, why))
+        };
+        layers.filter_map(bad).next()
+    };
+    let found = parallel::map((0..decoder.index.chunks.len()).collect(), fault);
+    let mut lines = Vec::new();
+    for (chunk, bad) in found.into_iter().enumerate() {
+        match bad {
+            Some((_, Error::Read(why))) => return Err(Error::Read(why)),
+            Some((layer, why)) => lines.push(decoder.in_words(chunk, layer, &why)),
+            None => {}
+        }
+    }
+    Ok(lines)
 }
 
 /// Where a stream is that is not in memory, for [`Decoder::of_source`].
@@ -183,6 +214,8 @@ impl<'a> Bytes<'a> {
     }
 }
 
+/// Bytes that are compared with a checksum at a time.
+const PIECE: usize = 1 << 20;
 /// Bytes that tell how long the head is.
 const LENGTH_KNOWN: u64 = 13;
 
@@ -284,6 +317,21 @@ impl<'a> Decoder<'a> {
             0 => format!("chunk {chunk} ({count} Gaussians): {why}"),
             degree => format!("SH degree {degree} and above of chunk {chunk}: {why}"),
         }
+    }
+
+    /// Compares a layer with its checksum, piece by piece.
+    fn compare(&self, chunk: usize, number: usize, layer: Layer) -> Result<()> {
+        let Range { start, end } = layer.range();
+        if end > self.bytes.len() {
+            // The error of what is missing; nothing is read.
+            return self.bytes.read(start..end, "a chunk").map(drop);
+        }
+        let mut found = 0;
+        for at in (start..end).step_by(PIECE) {
+            let piece = self.bytes.read(at..end.min(at + PIECE as u64), "a chunk")?;
+            found = crc32c::crc32c_append(found, &piece);
+        }
+        check(found, chunk, number, layer)
     }
 
     /// The bytes of a layer, verified.

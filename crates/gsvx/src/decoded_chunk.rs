@@ -74,7 +74,11 @@ impl DecodedChunk {
 
 /// Compares a layer with its checksum.
 pub(crate) fn verify(bytes: &[u8], chunk: usize, number: usize, layer: Layer) -> Result<()> {
-    let found = crc32c::crc32c(bytes);
+    check(crc32c::crc32c(bytes), chunk, number, layer)
+}
+
+/// Compares the checksum of a layer with that of the index.
+pub(crate) fn check(found: u32, chunk: usize, number: usize, layer: Layer) -> Result<()> {
     if found != layer.crc {
         let Layer { offset, crc: expected, .. } = layer;
         return Err(Error::Checksum { chunk, layer: number, offset, expected, found });

@@ -19,7 +19,7 @@ mod reader;
 
 pub use decode::{
     ALWAYS_ACCEPTED, DEFAULT_GROWTH, DecodeOptions, Decoded, Decoder, Source, decode,
-    decode_leaves, decode_with, default_max_gaussians,
+    decode_leaves, decode_with, default_max_gaussians, faults,
 };
 #[cfg(feature = "encode")]
 pub use encoder::{

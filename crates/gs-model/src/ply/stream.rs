@@ -30,7 +30,7 @@ pub(super) fn read(path: &Path) -> Result<Option<(Scene, Report)>> {
         return Ok(None);
     }
     let Some(mut body) = Body::open(path)? else { return Ok(None) };
-    let mut scene = body.zeros(body.rows);
+    let mut scene = body.zeros(body.rows)?;
     while body.first < body.rows {
         body.fill_part(&mut scene, 0)?;
     }
@@ -61,6 +61,12 @@ impl Parts {
     #[must_use]
     pub fn gaussians_in_file(&self) -> usize {
         self.body.rows
+    }
+
+    /// Their SH degree.
+    #[must_use]
+    pub fn sh_degree(&self) -> u8 {
+        self.body.columns.sh_degree
     }
 
     /// The next Gaussians, about as many as a megabyte holds; `None` at the end. Invalid ones are left out if the
@@ -159,10 +165,12 @@ impl Body {
     }
 
     /// So many Gaussians, to be filled in.
-    fn zeros(&self, n: usize) -> Scene {
+    fn zeros(&self, n: usize) -> Result<Scene> {
         let antialiased = antialiased(&self.header, &self.columns);
         let origin = self.columns.scene_origin(&self.header);
-        Scene { antialiased, origin, ..Scene::zeros(n, self.columns.sh_degree) }
+        let zeros = Scene::try_zeros(n, self.columns.sh_degree);
+        let zeros = zeros.map_err(|e| Error::io(&self.path, "read", e.into()))?;
+        Ok(Scene { antialiased, origin, ..zeros })
     }
 
     /// The Gaussians that have been read; `None` at the end.
@@ -171,7 +179,7 @@ impl Body {
             return Ok(None);
         }
         let rows = self.part.len() / self.layout.stride;
-        let mut scene = self.zeros(rows);
+        let mut scene = self.zeros(rows)?;
         self.fill_part(&mut scene, self.first)?;
         Ok(Some(scene))
     }

@@ -245,7 +245,7 @@ def decompress(
     if chunks is not None:
         if lod or salvage:
             raise ValueError("chunks: cannot be used with lod or salvage")
-        with open_stream(path) as stream:
+        with open_stream(path, max_gaussians=max_gaussians) as stream:
             wanted = [stream.chunks[number].gaussians for number in chunks]
             if max_gaussians is not None and sum(wanted) > max_gaussians:
                 raise _gsvx.Error(f"{sum(wanted)} Gaussians, more than the limit of {max_gaussians}")

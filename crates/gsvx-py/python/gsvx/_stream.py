@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, BinaryIO, Dict, Iterator, List, Optional, Tuple
 
 from . import _gsvx
-from ._arrays import Splats, from_native
+from ._arrays import Splats, check_numbers, from_native
 from ._files import Source, opened
 
 
@@ -51,13 +51,14 @@ class Stream:
     chunks: List[Chunk]
     bytes_read: int
 
-    def __init__(self, source: Source) -> None:
+    def __init__(self, source: Source, max_gaussians: Optional[int] = None) -> None:
+        check_numbers({"max_gaussians": max_gaussians}, {})
         self._close = ExitStack()
         self._file: BinaryIO
         self.bytes_read = 0
         try:
             self._file, name = self._close.enter_context(opened(source))
-            self._reader = _gsvx.Reader(name)
+            self._reader = _gsvx.Reader(name, max_gaussians)
             self._read_head(name)
         except BaseException:
             self._close.close()
@@ -151,11 +152,12 @@ class Stream:
         )
 
 
-def open(source: Source) -> Stream:  # noqa: A001
+def open(source: Source, *, max_gaussians: Optional[int] = None) -> Stream:  # noqa: A001
     """Opens a stream and reads its head and index, no more.
 
     ``source``: a file name, or an object with ``read`` and ``seek``, such as a file that fsspec has opened:
-    only the byte ranges that are needed are read. ::
+    only the byte ranges that are needed are read. ``max_gaussians``: refuse chunks of more; the default follows from
+    the chunk's length. ::
 
         with gsvx.open("scene.gsvx") as stream:
             for chunk, splats in stream.each():
@@ -163,4 +165,4 @@ def open(source: Source) -> Stream:  # noqa: A001
 
     Raises :class:`gsvx.Error` for what is no stream, OSError for a file that cannot be read.
     """
-    return Stream(source)
+    return Stream(source, max_gaussians)

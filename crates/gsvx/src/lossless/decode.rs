@@ -9,6 +9,7 @@ use super::{
     rows,
 };
 use crate::bytes::SliceReader;
+use crate::chunk::resize;
 use crate::error::{Error, Result, coding};
 use gpcc_lite::coder::{Coder, RansDecoder};
 use gs_model::Scene;
@@ -44,10 +45,11 @@ pub(crate) fn decode_payload(payload: &[u8], count: u64, sh_degree: u8) -> Resul
     let parts = crate::parallel::map(jobs, |(k, block): (usize, &[u8])| {
         head.decode_part(block, bounds[k + 1] - bounds[k], n)
     });
-    let mut scene = Scene::zeros(n, sh_degree);
+    let parts: Vec<_> = parts.into_iter().collect::<Result<_>>()?;
+    let mut scene = Scene { sh_degree, ..Scene::default() };
+    resize(&mut scene, n)?;
     let mut seen = vec![false; if head.keep_order { n } else { 0 }];
-    for (k, part) in parts.into_iter().enumerate() {
-        let (coded, order) = part?;
+    for (k, (coded, order)) in parts.into_iter().enumerate() {
         for &i in &order {
             match seen.get_mut(i as usize) {
                 Some(seen) if !*seen => *seen = true,
@@ -68,7 +70,8 @@ fn decode_raw(bytes: &[u8], n: usize, sh_degree: u8) -> Result<Scene> {
     if bytes.len() as u64 != 4 * columns as u64 * n as u64 {
         return Err(corrupt("bytes of raw Gaussians", bytes.len() as u64));
     }
-    let mut scene = Scene::zeros(n, sh_degree);
+    let mut scene = Scene { sh_degree, ..Scene::default() };
+    resize(&mut scene, n)?;
     for (i, row) in bytes.chunks_exact(4 * columns).enumerate() {
         let row: Vec<u32> = row.as_chunks::<4>().0.iter().map(|v| u32::from_le_bytes(*v)).collect();
         layout::scatter(&mut scene, i, &row);
