@@ -4,6 +4,7 @@ mod conformance;
 mod demo;
 mod determinism;
 mod fetch;
+mod forged;
 mod needs;
 mod npm;
 mod release;
@@ -39,6 +40,8 @@ enum Task {
     Conformance(conformance::ConformanceArgs),
     /// Compare streams over threads, builds and processors
     Determinism(determinism::DeterminismArgs),
+    /// Forged streams through every border: Rust, C, Python, npm
+    Forged(forged::ForgedArgs),
     /// Pathological scenes against the bounds of docs/accuracy.md
     Stress(stress::StressOptions),
     /// Sizes of streams on the test scenes, beside other codecs
@@ -71,6 +74,7 @@ fn main() -> ExitCode {
         Task::Train(args) => train::run(&args),
         Task::Conformance(args) => conformance::run(&args),
         Task::Determinism(args) => determinism::run(&args),
+        Task::Forged(args) => forged::run(&args),
         Task::Stress(args) => stress::run(&args),
         Task::BenchSize(args) => rd_curve::size(&args),
         Task::BenchGpcc(args) => bench::gpcc::run(&args),

@@ -1,14 +1,22 @@
 //! Forged streams, each by its number, and what a decoder makes of them, as a number that all machines must agree on.
 
+// The generator of the crate `testing` alone: all of it takes a minute to build.
+extern crate self as testing;
+
 #[path = "../../../crates/gsvx/tests/common/forge.rs"]
 #[allow(dead_code, reason = "a part is used")]
 mod forge;
 mod outcome;
+#[path = "../../../crates/testing/src/rng.rs"]
+mod rng;
+mod scene;
 #[path = "../../src/conformance/seal.rs"]
 mod seal;
 mod streams;
 
 pub use outcome::outcome;
+pub use rng::Rng;
+pub use scene::{join, scenes};
 pub use streams::stream;
 
 /// For WebAssembly: what the decoder makes of a stream.

@@ -4,6 +4,8 @@
 use std::io::Write;
 use std::panic::catch_unwind;
 
+use gsvx_forged::{join, outcome, stream};
+
 fn main() -> std::io::Result<()> {
     let mut words: Vec<String> = std::env::args().skip(1).collect();
     let write = words.first().is_some_and(|w| w == "write");
@@ -18,18 +20,23 @@ fn main() -> std::io::Result<()> {
     if write {
         let mut out = std::io::BufWriter::new(std::io::stdout().lock());
         for number in numbers {
-            let stream = gsvx_forged::stream(number);
+            let stream = stream(number);
             out.write_all(&(stream.len() as u32).to_le_bytes())?;
             out.write_all(&stream)?;
         }
         return out.flush();
     }
     std::panic::set_hook(Box::new(|panic| eprintln!("{panic}")));
-    let (mut digest, mut accepted, mut failed) = (0u32, 0, Vec::new());
+    let (mut digest, mut scenes, mut accepted, mut failed) = (0, 0, 0, Vec::new());
     for number in numbers {
-        match catch_unwind(|| gsvx_forged::outcome(&gsvx_forged::stream(number))) {
-            Ok(outcome) => {
-                digest = digest.rotate_left(5) ^ outcome;
+        let work = || {
+            let stream = stream(number);
+            (outcome(&stream), gsvx_forged::scenes(&stream))
+        };
+        match catch_unwind(work) {
+            Ok((outcome, [whole, salvaged])) => {
+                digest = join(digest, outcome);
+                scenes = join(join(scenes, whole), salvaged);
                 accepted += outcome & 1;
             }
             Err(_) => failed.push(number),
@@ -37,7 +44,7 @@ fn main() -> std::io::Result<()> {
     }
     let peak = peak().unwrap_or(0);
     println!(
-        r#"{{"accepted": {accepted}, "failed": {failed:?}, "digest": {digest}, "peak": {peak}}}"#
+        r#"{{"accepted": {accepted}, "failed": {failed:?}, "digest": {digest}, "scenes": {scenes}, "peak": {peak}}}"#
     );
     Ok(())
 }

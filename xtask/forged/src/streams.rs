@@ -15,8 +15,17 @@ macro_rules! golden {
 }
 
 static GOLDEN: [&[u8]; 11] = golden!(
-    "empty", "one", "default", "degree-0", "uniform", "outliers", "predicted", "chunks", "lossless",
-    "lossless-ordered", "lod"
+    "empty",
+    "one",
+    "default",
+    "degree-0",
+    "uniform",
+    "outliers",
+    "predicted",
+    "chunks",
+    "lossless",
+    "lossless-ordered",
+    "lod"
 );
 
 /// A golden stream, taken apart.

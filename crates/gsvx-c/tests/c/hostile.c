@@ -1,29 +1,12 @@
-/* hostile STREAMS: decodes broken streams, each behind its length in 4 bytes, and prints how many gave an error. Wrong
- * arguments are errors too. */
-#include "file.h"
+/* hostile: decodes broken streams from standard input, each behind its length in 4 bytes. Prints how many were decoded as
+ * whole ones, the numbers of those that failed within the library, and a digest of all scenes, with and without salvage.
+ * Wrong arguments are errors too. */
+#include <stdio.h>
+#include <stdlib.h>
+
 #include "gsvx.h"
 
 static gsvx_message why;
-
-/* Decodes all that a stream has. */
-static gsvx_status decode_all(gsvx_stream *stream) {
-    gsvx_info info;
-    gsvx_status status = gsvx_get_info(stream, &info, &why);
-    for (uint64_t chunk = 0; status == GSVX_STATUS_OK && chunk < info.chunks; chunk++) {
-        gsvx_chunk entry;
-        uint64_t gaussians = 0;
-        status = gsvx_get_chunk(stream, chunk, &entry, &why);
-        if (status == GSVX_STATUS_OK) status = gsvx_decode(stream, chunk, entry.layers, &gaussians, &why);
-        for (uint32_t array = 0; status == GSVX_STATUS_OK && array <= GSVX_ARRAY_PACKED_SH3B; array++) {
-            size_t size = (size_t)gaussians * gsvx_stride(array, info.sh_degree);
-            void *out = malloc(size + 1);
-            if (out == NULL) exit(1);
-            status = gsvx_copy(stream, array, out, size, &why);
-            free(out);
-        }
-    }
-    return status;
-}
 
 static void expect(gsvx_status got, gsvx_status wanted, int line) {
     if (got == wanted) return;
@@ -32,6 +15,86 @@ static void expect(gsvx_status got, gsvx_status wanted, int line) {
 }
 
 #define EXPECT(call, status) expect(call, GSVX_STATUS_##status, __LINE__)
+
+static uint32_t join(uint32_t digest, uint32_t number) { return (digest << 5 | digest >> 27) ^ number; }
+
+/* CRC-32, as in zlib, of bytes behind those before. */
+static uint32_t crc32(uint32_t crc, const unsigned char *bytes, size_t size) {
+    static uint32_t table[256];
+    if (table[1] == 0) {
+        for (uint32_t i = 0; i < 256; i++) {
+            table[i] = i;
+            for (int bit = 0; bit < 8; bit++) table[i] = table[i] >> 1 ^ (table[i] & 1 ? 0xedb88320u : 0);
+        }
+    }
+    crc = ~crc;
+    for (size_t i = 0; i < size; i++) crc = table[(crc ^ bytes[i]) & 255] ^ crc >> 8;
+    return ~crc;
+}
+
+/* Takes all arrays of the chunk that is held. `crcs` has those of the arrays that are stored. */
+static void take(gsvx_stream *stream, uint64_t gaussians, uint32_t degree, uint32_t crcs[5]) {
+    for (uint32_t array = 0; array <= GSVX_ARRAY_PACKED_SH3B; array++) {
+        size_t size = (size_t)gaussians * gsvx_stride(array, degree);
+        unsigned char *out = malloc(size + 1);
+        if (out == NULL) exit(1);
+        EXPECT(gsvx_copy(stream, array, out, size, &why), OK);
+        if (array <= GSVX_ARRAY_SH) crcs[array] = crc32(crcs[array], out, size);
+        free(out);
+    }
+}
+
+/* Decodes what a chunk has of its layers: all of them, or with salvage those that are good. */
+static gsvx_status decode_chunk(gsvx_stream *stream, uint64_t chunk, uint32_t degree, int salvage, uint32_t crcs[5]) {
+    gsvx_chunk entry;
+    uint64_t gaussians = 0;
+    gsvx_status status = gsvx_get_chunk(stream, chunk, &entry, &why), first = GSVX_STATUS_OK;
+    if (status != GSVX_STATUS_OK || entry.level > 0) return status;
+    for (uint32_t layers = entry.layers; layers > 0; layers--) {
+        status = gsvx_decode(stream, chunk, layers, &gaussians, &why);
+        if (status == GSVX_STATUS_OK) {
+            if (gaussians != entry.gaussians) exit(1);
+            if (first == GSVX_STATUS_OK || salvage) take(stream, gaussians, degree, crcs);
+            break;
+        }
+        if (why.text[0] == 0) exit(1);
+        if (first == GSVX_STATUS_OK) first = status;
+        /* Nothing is held. */
+        unsigned char byte = 0;
+        EXPECT(gsvx_copy(stream, GSVX_ARRAY_MEANS, &byte, 1, &why), ARGUMENT);
+    }
+    return salvage && first != GSVX_STATUS_INTERNAL ? GSVX_STATUS_OK : first;
+}
+
+/* Decodes the finest level. `digest` gets that of the scene, 0 if the stream is refused. */
+static gsvx_status decode_all(const unsigned char *bytes, size_t size, int salvage, uint32_t *digest) {
+    gsvx_stream *stream = NULL;
+    gsvx_info info;
+    gsvx_range range;
+    gsvx_options options = {0};
+    *digest = 0;
+    EXPECT(gsvx_open(NULL, &stream, &why), OK);
+    gsvx_status status = gsvx_give(stream, 0, bytes, size, &why);
+    EXPECT(gsvx_needs(stream, 0, 0, &range, NULL), OK);
+    if (range.begin > range.end || (status != GSVX_STATUS_OK && range.begin != 0)) exit(1);
+    if (status == GSVX_STATUS_OK) status = gsvx_get_info(stream, &info, &why);
+    gsvx_close(stream);
+    if (status != GSVX_STATUS_OK) return status;
+    /* A whole stream is refused that has more than this. */
+    uint64_t have = info.bytes < size ? info.bytes : size;
+    options.max_gaussians = (1024 * have + (64 << 20)) / (4 * (11 + 3 * (info.sh_degree + 1) * (info.sh_degree + 1)));
+    if (info.gaussians > options.max_gaussians) return GSVX_STATUS_LIMIT;
+    EXPECT(gsvx_open(&options, &stream, &why), OK);
+    EXPECT(gsvx_give(stream, 0, bytes, size, &why), OK);
+    uint32_t crcs[5] = {0};
+    for (uint64_t chunk = 0; status == GSVX_STATUS_OK && chunk < info.chunks; chunk++)
+        status = decode_chunk(stream, chunk, info.sh_degree, salvage, crcs);
+    gsvx_close(stream);
+    if (status != GSVX_STATUS_OK) return status;
+    *digest = 1;
+    for (int i = 0; i < 5; i++) *digest = join(*digest, crcs[i]);
+    return status;
+}
 
 /* Calls that no program should make. */
 static void misuse(void) {
@@ -64,29 +127,25 @@ static void misuse(void) {
     if (gsvx_stride(GSVX_ARRAY_SH, 4) != 0 || gsvx_stride(99, 0) != 0) exit(1);
 }
 
-int main(int count, char **arguments) {
-    size_t size = 0, at = 0;
-    unsigned char *file = count == 2 ? read_file(arguments[1], &size) : NULL;
-    if (file == NULL) return 2;
-    unsigned streams = 0, errors = 0;
+int main(void) {
+    unsigned streams = 0, accepted = 0, failed = 0;
+    uint32_t scenes = 0;
+    unsigned char length[4];
     misuse();
-    while (at < size) {
-        size_t length = file[at] | file[at + 1] << 8 | file[at + 2] << 16 | (size_t)file[at + 3] << 24;
-        gsvx_stream *stream = NULL;
-        if (gsvx_open(NULL, &stream, &why) != GSVX_STATUS_OK) return 1;
-        gsvx_status status = gsvx_give(stream, 0, file + at + 4, length, &why);
-        gsvx_range range;
-        EXPECT(gsvx_needs(stream, 0, 0, &range, NULL), OK);
-        if (range.begin > range.end || (status != GSVX_STATUS_OK && range.begin != 0)) return 1;
-        if (status == GSVX_STATUS_OK) status = decode_all(stream);
-        if (status == GSVX_STATUS_INTERNAL) return 1;
-        if (status != GSVX_STATUS_OK && why.text[0] == 0) return 1;
-        errors += status != GSVX_STATUS_OK;
-        streams += 1;
-        gsvx_close(stream);
-        at += 4 + length;
+    printf("{\"failed\": [");
+    for (; fread(length, 1, 4, stdin) == 4; streams++) {
+        size_t size = length[0] | length[1] << 8 | length[2] << 16 | (size_t)length[3] << 24;
+        unsigned char *bytes = malloc(size + 1);
+        if (bytes == NULL || fread(bytes, 1, size, stdin) != size) return 1;
+        for (int salvage = 0; salvage < 2; salvage++) {
+            uint32_t digest;
+            gsvx_status status = decode_all(bytes, size, salvage, &digest);
+            accepted += status == GSVX_STATUS_OK && !salvage;
+            if (status == GSVX_STATUS_INTERNAL) printf("%s%u", failed++ ? ", " : "", streams);
+            scenes = join(scenes, digest);
+        }
+        free(bytes);
     }
-    printf("%u of %u\n", errors, streams);
-    free(file);
+    printf("], \"streams\": %u, \"accepted\": %u, \"scenes\": %u}\n", streams, accepted, scenes);
     return 0;
 }
