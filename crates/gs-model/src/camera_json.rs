@@ -3,7 +3,6 @@
 use std::path::Path;
 
 use serde_json::Value;
-use serde_json::error::Category;
 
 use crate::error::{Error, Result};
 use crate::fs;
@@ -14,19 +13,10 @@ use crate::fs;
 /// [`Error::Malformed`] with line and column.
 pub(crate) fn parse(file: &Path, bytes: &[u8]) -> Result<Value> {
     let text = without_nan(&fs::text(bytes));
-    serde_json::from_slice(&text).map_err(|e| {
-        let place = format!("line {}, column {}", e.line(), e.column());
-        let reason = match e.classify() {
-            _ if text.trim_ascii().is_empty() => "it is empty; export the cameras again".into(),
-            Category::Eof => "the JSON ends too early; copy or export the file again".into(),
-            _ => {
-                let why = e.to_string();
-                let why = why.split(" at line ").next().unwrap_or_default();
-                format!("broken JSON ({why}); correct it there, or export the file again")
-            }
-        };
-        Error::malformed(file, &place, reason)
-    })
+    if text.trim_ascii().is_empty() {
+        return Err(Error::malformed(file, "line 1", "it is empty; export the cameras again"));
+    }
+    serde_json::from_slice(&text).map_err(|e| Error::json(file, "a camera file", &e))
 }
 
 /// The text with null for the numbers that Python writes and JSON does not have.

@@ -62,16 +62,6 @@ pub enum Error {
         /// What is wrong with it, and what to do about it where that is known.
         reason: String,
     },
-    /// JSON that is broken or says something else than expected.
-    #[error("{}: not the JSON of {what}", file.display())]
-    Json {
-        /// The file.
-        file: PathBuf,
-        /// What was expected: `a camera file`, say.
-        what: &'static str,
-        /// The message of the JSON reader, with line and column.
-        source: Box<dyn std::error::Error + Send + Sync>,
-    },
     /// Gaussians with a value that is not finite, or whose quaternion has no direction.
     #[error(
         "{}: Gaussian {index}: {field} is {value} ({count} invalid {} in all)",
@@ -181,9 +171,30 @@ impl Error {
         Self::Unwritable { file: file.to_owned(), reason: reason.into() }
     }
 
-    #[cfg(feature = "formats")]
-    pub(crate) fn json(file: &Path, what: &'static str, source: serde_json::Error) -> Self {
-        Self::Json { file: file.to_owned(), what, source: source.into() }
+    /// JSON that is broken, or says something else than that of `what`: `a glTF file`, say.
+    #[cfg(any(feature = "formats", feature = "cameras"))]
+    pub(crate) fn json(file: &Path, what: &str, error: &serde_json::Error) -> Self {
+        use serde_json::error::Category;
+        let said = error.to_string();
+        let why = said.split(" at line ").next().unwrap_or_default();
+        let reason = match error.classify() {
+            Category::Eof => "the JSON ends too early; copy or export the file again".into(),
+            Category::Data => {
+                let unlike =
+                    why.strip_prefix("invalid type: ").and_then(|w| w.split_once(", expected "));
+                let why = match (unlike, why.strip_prefix("missing field ")) {
+                    (Some((found, wanted)), _) => {
+                        format!("it has {found} where {wanted} is expected")
+                    }
+                    (_, Some(name)) => format!("{name} is missing"),
+                    _ => why.into(),
+                };
+                format!("not the JSON of {what}: {why}; export the file again")
+            }
+            _ => format!("broken JSON ({why}); correct it there, or export the file again"),
+        };
+        let place = format!("line {}, column {}", error.line(), error.column());
+        Self::malformed(file, &place, reason)
     }
 }
 

@@ -177,7 +177,7 @@ pub(crate) fn json(file: &Path, bytes: &[u8]) -> Option<Error> {
         format!(
             "the index of a scene that PlayCanvas streams; its models are files beside it, such as {first:?}"
         )
-    } else if has("root") && has("geometricError") {
+    } else if has("root") && (has("geometricError") || has("asset")) {
         "the index of 3D Tiles; its models are the .glb files beside it".into()
     } else if has("opacities") && has("means") {
         "the index of gsplat's PngCompression; decompress it with gsplat, and export the model as PLY".into()

@@ -157,6 +157,14 @@ fn view(
     let of = |name: &str| values.get(name);
     // A panorama needs none.
     let panorama = lens.as_ref().filter(|l| l.model == PANORAMA).map(|_| w / 2.0);
+    let angle = ["camera_angle_x", "camera_angle_y"].into_iter().filter_map(of);
+    let full = angle.into_iter().find(|&angle| angle >= std::f64::consts::TAU);
+    if let (Some(angle), None) = (full, of("fl_x")) {
+        let why = format!(
+            "camera_angle_x is {angle}, more than a full turn in radians: it is in degrees"
+        );
+        return Err(bad(why));
+    }
     let fx = of("fl_x").or(of("camera_angle_x").map(|a| of_angle(a, w))).or(panorama);
     let fy = of("fl_y").or(of("camera_angle_y").map(|a| of_angle(a, h))).or(fx);
     let (Some(fx), Some(fy)) = (fx.or(fy), fy) else {

@@ -180,6 +180,17 @@ fn what_is_missing_is_named() {
     says(read("a.ply", &file.bytes(&common::scene(0, 1)).0), "no property f_rest_8");
 }
 
+#[test]
+fn rows_beyond_those_that_the_header_promises_are_counted() {
+    let (short, _) = File::inria(LITTLE, 0).bytes(&scene(2, 0));
+    let (long, _) = File::inria(LITTLE, 0).bytes(&scene(3, 0));
+    let row = long.len() - short.len();
+    let bytes = [&short[..], &short[short.len() - row..], &short[short.len() - row..]].concat();
+    let (back, report) = ply::read_bytes(&bytes).unwrap();
+    assert_eq!(back.len(), 2);
+    assert_eq!(report.notes, ["2 rows more than the header promises are not read"]);
+}
+
 /// Files that are read in parts: several parts, rows across their borders, trailing bytes.
 #[test]
 fn large_files_are_read_as_small_ones_are() {

@@ -89,6 +89,14 @@ fn a_colour_beyond_all_models_is_refused_with_two_ways_on() {
     let refused = run(&["encode", "@", "-o", "@"], &[&input, &stream]);
     let ways = "Gaussian 5 has a value of 1e38 (SH coefficient)";
     let said = heard(&refused);
+    // The number is that of the file, whatever is not drawn before it, and however it is read.
+    let mut faint = gs_model::ply::read(&input).unwrap().0;
+    faint.opacity_logits[..3].fill(-20.0);
+    gs_model::ply::write(&input, &faint).unwrap();
+    for memory in [&[][..], &["--memory", "1G"]] {
+        let refused = run(&[&["encode", "@", "-o", "@"], memory].concat(), &[&input, &stream]);
+        assert!(heard(&refused).contains(ways), "{}", heard(&refused));
+    }
     assert!(said.contains(ways) && said.contains("--drop-invalid leaves it out"), "{said}");
     ok(&["encode", "@", "-o", "@", "--drop-invalid"], &[&input, &stream]);
 }

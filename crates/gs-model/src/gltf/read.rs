@@ -27,7 +27,7 @@ const MOST_SHARING: u64 = 64;
 pub(super) fn read(file: &Path, bytes: &[u8], options: &ReadOptions) -> Result<(Scene, Report)> {
     let (json, data) = container::split(bytes).map_err(|e| malformed(file, "the file", e))?;
     let root: Root =
-        serde_json::from_slice(json).map_err(|e| Error::json(file, "a glTF file", e))?;
+        serde_json::from_slice(json).map_err(|e| Error::json(file, "a glTF file", &e))?;
     check(file, &root)?;
     let instances =
         instances(&root).map_err(|(node, why)| malformed(file, &format!("node {node}"), why))?;

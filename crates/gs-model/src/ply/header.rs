@@ -156,8 +156,14 @@ impl PlyHeader {
         };
         let comments = self.comments.iter().filter(|comment| !used(comment));
         let comments = list(comments.cloned());
-        let trailing = (trailing_bytes > 0)
-            .then(|| format!("{trailing_bytes} bytes after the last row are not read"));
+        let fixed = |e: &&PlyElement| e.name == "vertex" && self.encoding != Encoding::Ascii;
+        let row = self.elements.last().filter(fixed).map_or(0, PlyElement::least_row_bytes);
+        let trailing = (trailing_bytes > 0).then(|| match trailing_bytes.checked_rem(row) {
+            Some(0) => {
+                format!("{} rows more than the header promises are not read", trailing_bytes / row)
+            }
+            _ => format!("{trailing_bytes} bytes after the last row are not read"),
+        });
         [
             others.map(|names| {
                 format!("other elements than those of the model are not kept: {names}")

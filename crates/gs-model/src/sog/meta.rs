@@ -185,7 +185,7 @@ fn steps(low: f32, high: f32) -> Vec<f32> {
 impl Meta {
     pub(super) fn parse(file: &Path, json: &[u8]) -> Result<Self> {
         let json = &without_nan(json);
-        let not_meta = |e| Error::json(file, "a SOG's meta.json", e);
+        let not_meta = |e| Error::json(file, "a SOG's meta.json", &e);
         let bad = |reason: String| Error::malformed(file, "meta.json", reason);
         let version: Version = serde_json::from_slice(json).map_err(not_meta)?;
         let antialiased = match version.model {

@@ -43,7 +43,6 @@ pub(crate) fn is_broken(error: &Error) -> bool {
             | Error::Malformed { .. }
             | Error::OtherFormat { .. }
             | Error::NoModel { .. }
-            | Error::Json { .. }
             | Error::InvalidGaussian { .. }
     );
     known && gs_model::chain(error).lines().count() == 1

@@ -43,9 +43,10 @@ impl SceneFile {
         &mut self,
         reading: &Reading,
         bar: &Meter,
+        look: impl FnMut(&Scene, usize) -> Result<()>,
         take: impl FnMut(Scene) -> Result<()>,
     ) -> Result<()> {
-        (self.gaussians, self.transparent) = self.each(reading, true, bar, take)?;
+        (self.gaussians, self.transparent) = self.each(reading, true, bar, look, take)?;
         if self.transparent > 0 {
             note(format_args!("{}: {}", name(&self.path), transparent(self.transparent as usize)));
         }
@@ -60,21 +61,23 @@ impl SceneFile {
         take: impl FnMut(Scene) -> Result<()>,
     ) -> Result<()> {
         self.check()?;
-        let found = self.each(reading, false, bar, take)?;
+        let found = self.each(reading, false, bar, |_, _| Ok(()), take)?;
         if found == (self.gaussians, self.transparent) { Ok(()) } else { Err(changed(&self.path)) }
     }
 
-    /// Reads the Gaussians that rasterizers draw. Returns how many there are, and how many others. Says what was
-    /// skipped if `say`.
+    /// Reads the Gaussians that rasterizers draw. Returns how many there are, and how many others. `look` gets all, and
+    /// the number of the first in the file. Says what was skipped if `say`.
     fn each(
         &self,
         reading: &Reading,
         say: bool,
         bar: &Meter,
+        mut look: impl FnMut(&Scene, usize) -> Result<()>,
         mut take: impl FnMut(Scene) -> Result<()>,
     ) -> Result<(u64, u64)> {
         let (mut all, mut transparent) = (0, 0);
         let mut take = |scene: Scene| {
+            look(&scene, all as usize)?;
             all += scene.len() as u64;
             let Some(drawn) = scene.drawn() else { return take(scene) };
             transparent += (scene.len() - drawn.len()) as u64;

@@ -34,15 +34,18 @@ pub(crate) fn survey(
     let bar = progress("survey", inputs.iter());
     let mut first: Option<Scene> = None;
     for input in &mut inputs {
-        let (path, mut read) = (input.path.clone(), 0);
-        input.survey(&args.reading, &bar, |mut scene| {
+        let path = input.path.clone();
+        // What lossy coding cannot hold is refused by its number in the file.
+        let look = |scene: &Scene, first: usize| {
+            let most = choices.max_sh_degree;
+            gsvx::check_values(scene, most, first).with_context(|| name(&path))
+        };
+        input.survey(&args.reading, &bar, look, |mut scene| {
             let first = first.get_or_insert_with(|| scene.emptied(0));
             if scene.antialiased != first.antialiased {
                 return Err(one_antialiased(&args.inputs[0], &path, first.antialiased));
             }
             scene.move_origin(first.origin);
-            gsvx::check_values(&scene, choices.max_sh_degree, read).with_context(|| name(&path))?;
-            read += scene.len();
             survey.add(&scene);
             let coordinates = scene.means.as_flattened().iter();
             let bytes: Vec<u8> = coordinates.flat_map(|x| x.to_le_bytes()).collect();
