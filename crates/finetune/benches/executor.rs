@@ -22,7 +22,7 @@ fn pool(threads: usize) -> rayon::ThreadPool {
 
 /// Makes `n` steps of fine-tune; returns the time, without that of the preparation.
 fn fine_tune(scene: &Scene, views: Vec<TrainView>, n: u64, on: &rayon::ThreadPool) -> Duration {
-    let views = ViewGradients::new(views, Loss::default(), &RenderOptions::default());
+    let views = ViewGradients::new(views, Loss::L1_SSIM, &RenderOptions::default());
     let mut views = views.expect("photos of their cameras' sizes");
     let mut run = SceneOptimiser::new(scene.clone(), LearningRates::default(), 0.0);
     on.install(|| {
@@ -37,7 +37,7 @@ fn fine_tune(scene: &Scene, views: Vec<TrainView>, n: u64, on: &rayon::ThreadPoo
 /// The same on the software adapter. The first step compiles the kernels.
 #[cfg(feature = "gpu")]
 fn on_device(scene: &Scene, views: Vec<TrainView>, n: u64) -> finetune::Result<Duration> {
-    let views = ViewGradients::new(views, Loss::default(), &RenderOptions::default())?;
+    let views = ViewGradients::new(views, Loss::L1_SSIM, &RenderOptions::default())?;
     let from = SceneOptimiser::new(scene.clone(), LearningRates::default(), 0.0);
     let mut run = views.scene_on_device(finetune::Adapter::Software, &from)?;
     run.step(0, 1, 1.0)?;

@@ -6,7 +6,7 @@ use crate::forward::Forward;
 use crate::options::Loss;
 use crate::stages::blend_adjoint::{FROZEN, MOVING, TileGradient, blend_adjoint};
 use crate::stages::gather::gather;
-use crate::stages::loss::{SsimScratch, ViewLoss, l1_ssim, mse, to_planes, to_tiles};
+use crate::stages::loss::{SsimScratch, ViewLoss, per_pixel, to_planes, to_tiles, with_ssim};
 use crate::stages::project::RenderView;
 
 /// Interleaved pixels as three planes.
@@ -81,11 +81,10 @@ impl<const N: usize> Backward<N> {
         let Self { planes, gradient, scratch, .. } = self;
         to_planes(view, &self.forward.tiles, planes);
         let w = view.width as usize;
-        let value = match loss {
-            Loss::Mse => mse(w, planes, photo, gradient),
-            Loss::L1Ssim { ssim_weight } => {
-                l1_ssim(w, ssim_weight, [planes, photo], scratch, gradient)
-            }
+        let value = if loss.ssim == 0.0 {
+            per_pixel(w, loss, [planes, photo], gradient)
+        } else {
+            with_ssim(w, loss, [planes, photo], scratch, gradient)
         };
         to_tiles(view, gradient, &mut self.tiles);
         value

@@ -38,7 +38,7 @@
 //! scene.sh[0] = [0.5, 0.5, 0.5];
 //! let before = metrics::psnr(&render(&scene, &camera, &options), &input);
 //! let views = vec![TrainView { camera: camera.clone(), photo: Photo::from(&input) }];
-//! let mut views = ViewGradients::new(views, Loss::default(), &options)?;
+//! let mut views = ViewGradients::new(views, Loss::L1_SSIM, &options)?;
 //! let mut run = SceneOptimiser::new(scene, LearningRates::default(), 0.0);
 //! for step in 1..=300 {
 //!     let loss = run.step(&mut views, 0, step, 1.0);

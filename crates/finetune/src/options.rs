@@ -49,21 +49,26 @@ impl Default for LearningRates {
     }
 }
 
-/// What the fine-tune minimises.
+/// What the fine-tune minimises: a weighted sum of three means over pixels and channels. No weight is negative.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Loss {
-    /// Mean squared error over pixels and channels, as in the paper's equation 2.
-    Mse,
-    /// `(1 - ssim_weight) L1 + ssim_weight (1 - SSIM)`; the reference code uses 0.2. SSIM has
-    /// an 11x11 Gaussian window of sigma 1.5 and zero padding.
-    L1Ssim {
-        /// Weight of the SSIM term.
-        ssim_weight: f32,
-    },
+pub struct Loss {
+    /// Weight of the absolute error.
+    pub l1: f32,
+    /// Weight of the squared error.
+    pub mse: f32,
+    /// Weight of 1 - SSIM. SSIM has an 11x11 Gaussian window of sigma 1.5 and zero padding.
+    pub ssim: f32,
 }
 
-impl Default for Loss {
-    fn default() -> Self {
-        Self::L1Ssim { ssim_weight: 0.2 }
+impl Loss {
+    /// The squared error alone: the paper's equation 2.
+    pub const MSE: Self = Self { l1: 0.0, mse: 1.0, ssim: 0.0 };
+    /// That of the reference code of 3DGS: 0.8 L1 + 0.2 (1 - SSIM).
+    pub const L1_SSIM: Self = Self { l1: 0.8, mse: 0.0, ssim: 0.2 };
+
+    /// The squared error and `ssim` (1 - SSIM).
+    #[must_use]
+    pub const fn mse_ssim(ssim: f32) -> Self {
+        Self { ssim, ..Self::MSE }
     }
 }

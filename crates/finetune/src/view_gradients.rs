@@ -231,8 +231,8 @@ mod tests {
         };
         let views = vec![TrainView { camera, photo }];
         let options = RenderOptions::default();
-        let mut whole = ViewGradients::new(views.clone(), Loss::Mse, &options).unwrap();
-        let mut parts = ViewGradients::new(views, Loss::Mse, &options).unwrap();
+        let mut whole = ViewGradients::new(views.clone(), Loss::MSE, &options).unwrap();
+        let mut parts = ViewGradients::new(views, Loss::MSE, &options).unwrap();
         parts.split(600);
         assert!(parts.views() > 4);
         let mut sums = vec![([0.0f32; 3], 0.0); scene.len()];

@@ -100,10 +100,7 @@ fn check_gradients(scene: &Scene, view: TrainView, loss: Loss) {
     let gates = oracle::render(&base, camera, background, None).gates;
     let f = |p: &Parameters| {
         let rgb = oracle::render(p, camera, background, Some(&gates)).rgb;
-        match loss {
-            Loss::Mse => oracle::mse(&rgb, photo),
-            Loss::L1Ssim { ssim_weight } => oracle::l1_ssim(&rgb, photo, f64::from(ssim_weight)),
-        }
+        oracle::loss(&rgb, photo, loss)
     };
     assert!((value - f(&base)).abs() < 1e-5 * value, "loss {value}, oracle {}", f(&base));
     type Of = fn(&ParameterGradient) -> &[f32];
@@ -126,20 +123,27 @@ fn check_gradients(scene: &Scene, view: TrainView, loss: Loss) {
 fn gradients_of_the_squared_error_agree_with_central_differences() {
     let scene = common::scene(12, 3, 7);
     let (camera, photo) = (common::camera(40, 30), common::photo(40, 30, 1));
-    check_gradients(&scene, TrainView { camera, photo }, Loss::Mse);
+    check_gradients(&scene, TrainView { camera, photo }, Loss::MSE);
 }
 
 #[test]
 fn gradients_of_l1_and_ssim_agree_with_central_differences() {
     let scene = common::scene(8, 1, 11);
-    let loss = Loss::L1Ssim { ssim_weight: 0.2 };
+    let loss = Loss::L1_SSIM;
     let (camera, photo) = (common::camera(29, 21), common::photo(29, 21, 2));
     check_gradients(&scene, TrainView { camera, photo }, loss);
+}
+
+#[test]
+fn gradients_of_the_squared_error_and_ssim_agree_with_central_differences() {
+    let scene = common::scene(8, 1, 11);
+    let (camera, photo) = (common::camera(29, 21), common::photo(29, 21, 2));
+    check_gradients(&scene, TrainView { camera, photo }, Loss::mse_ssim(0.02));
 }
 
 #[test]
 fn gradients_of_an_antialiased_model_agree_with_central_differences() {
     let scene = antialiased(common::scene(12, 1, 7));
     let (camera, photo) = (common::camera(40, 30), common::photo(40, 30, 1));
-    check_gradients(&scene, TrainView { camera, photo }, Loss::Mse);
+    check_gradients(&scene, TrainView { camera, photo }, Loss::MSE);
 }

@@ -61,7 +61,7 @@ fn finite_everywhere(name: &str, scene: &Scene, camera: &Camera) -> f32 {
     let mut photo = Photo::black(camera.width, camera.height);
     photo.rgb.iter_mut().enumerate().for_each(|(i, v)| *v = (i % 7 * 36) as u8);
     let mut largest = 0.0f32;
-    for loss in [Loss::Mse, Loss::default()] {
+    for loss in [Loss::MSE, Loss::L1_SSIM] {
         let view = TrainView { camera: camera.clone(), photo: photo.clone() };
         let (value, gradients) = common::gradients(scene, view, loss, &options);
         assert!(value.is_finite(), "{name}: loss {value}");

@@ -47,7 +47,7 @@ impl Default for FineTuneOptions {
     fn default() -> Self {
         Self {
             steps: 8000,
-            loss: Loss::default(),
+            loss: Loss::L1_SSIM,
             target_psnr: None,
             patience: None,
             seed: 0,
@@ -101,11 +101,11 @@ impl FineTune {
     pub fn new(scene: Scene, views: Vec<TrainView>, options: FineTuneOptions) -> Result<Self> {
         scene.validate()?;
         let FineTuneOptions { loss, seed, backend, checkpoint, cancel, .. } = options.clone();
-        if let Loss::L1Ssim { ssim_weight } = loss
-            && !(0.0..=1.0).contains(&ssim_weight)
-        {
-            let (value, range) = (ssim_weight.into(), "from 0 to 1");
-            return Err(Error::Option { option: "SSIM weight", value, range });
+        for weight in [loss.l1, loss.mse, loss.ssim] {
+            if !(weight.is_finite() && weight >= 0.0) {
+                let (value, range) = (weight.into(), "0 or more");
+                return Err(Error::Option { option: "weight of the loss", value, range });
+            }
         }
         let told = format!("attributes {loss:?} {seed}");
         let fingerprint = fingerprint(&scene, views.iter().map(camera_and_photo), &told);

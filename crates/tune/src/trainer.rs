@@ -320,7 +320,7 @@ mod tests {
         let eye = [0.0, 0.0, -2.0];
         let camera = Camera::looking_at("front".into(), eye, [0.0; 3], up, [4, 3], 30.0);
         let view = TrainView { camera, photo: Photo::black(4, 3) };
-        let views = Views::all(vec![view; 5], Loss::Mse, 1).unwrap();
+        let views = Views::all(vec![view; 5], Loss::MSE, 1).unwrap();
         let checkpoint = checkpoint.map(Into::into);
         let mut trainer = Trainer::new(views, 7, Backend::Cpu, checkpoint, None).unwrap();
         trainer.backend = BackendReport { used, reason: "given".into() };

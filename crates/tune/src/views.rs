@@ -182,7 +182,7 @@ impl Views {
         let [photos, Scored { views: aside, psnr: aside_db }] = divided(views, psnr);
         let errors: Vec<f64> = photos.psnr.iter().map(|db| libm::exp10(-0.1 * db)).collect();
         // Mean squared error: it gives a higher PSNR and fewer bytes than L1 with SSIM.
-        let mut gradients = ViewGradients::new(photos.views, Loss::Mse, &RenderOptions::default())?;
+        let mut gradients = ViewGradients::new(photos.views, Loss::MSE, &RenderOptions::default())?;
         weights(&errors).iter().enumerate().for_each(|(i, w)| gradients.weigh(i, *w as f32));
         for (camera, photo) in nearby.iter().zip(renders_nearby) {
             gradients.add(TrainView { camera: camera.clone(), photo }, share.of_gradients)?;

@@ -52,7 +52,7 @@ fn run(options: FineTuneOptions) -> FineTuned {
 
 #[test]
 fn recovers_a_spoilt_model_without_moving_means() {
-    for loss in [Loss::Mse, Loss::default()] {
+    for loss in [Loss::MSE, Loss::L1_SSIM] {
         let out = run(FineTuneOptions { loss, ..options(300) });
         let (first, last) = (out.pass_psnr[0], *out.pass_psnr.last().unwrap());
         println!("{loss:?}: {first:.2} dB -> {last:.2} dB");
@@ -119,7 +119,7 @@ fn bad_checkpoints_are_errors() {
     let mut moved = spoilt();
     moved.means[3][1] += 1e-3;
     assert!(matches!(open(moved, set()), Err(Error::OtherRun { .. })));
-    let other = FineTuneOptions { loss: Loss::Mse, ..set() };
+    let other = FineTuneOptions { loss: Loss::MSE, ..set() };
     assert!(matches!(open(spoilt(), other), Err(Error::OtherRun { .. })));
     // More steps than the run before had.
     assert_eq!(open(spoilt(), FineTuneOptions { steps: 9, ..set() }).unwrap(), 3);
@@ -160,6 +160,6 @@ fn bad_input_is_an_error() {
     let mut nan = scene();
     nan.log_scales[4][1] = f32::NAN;
     assert!(matches!(new(&nan, &good, options(1)), Err(Error::Scene(_))));
-    let o = FineTuneOptions { loss: Loss::L1Ssim { ssim_weight: 2.0 }, ..options(1) };
-    assert!(matches!(new(&scene(), &good, o), Err(Error::Option { option: "SSIM weight", .. })));
+    let o = FineTuneOptions { loss: Loss::mse_ssim(-0.2), ..options(1) };
+    assert!(matches!(new(&scene(), &good, o), Err(Error::Option { option: "weight of the loss", .. })));
 }

@@ -83,7 +83,7 @@ impl KernelLoop {
         program: &Program,
         views: &[PreparedView],
     ) -> Result<Self> {
-        let mut steps = DeviceSteps::new(context, scene, views, Loss::Mse, Some(program))?;
+        let mut steps = DeviceSteps::new(context, scene, views, Loss::MSE, Some(program))?;
         let workspace = &mut steps.workspace;
         let rows = rows_of(scene);
         let still = vec![0.0; rows.len()];

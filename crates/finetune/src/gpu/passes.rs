@@ -165,7 +165,7 @@ impl Workspace {
         let columns = lanes(u.width * u.height.div_ceil(LOSS_RUN));
         let every = lanes(u.tiles_x * u.tiles_y * TILE * TILE / LOSS_RUN);
         for group in photo {
-            if u.is_l1_ssim() {
+            if u.has_ssim() {
                 self.dispatch(pass, "loss", "ssim_rows", group, rows);
                 self.dispatch(pass, "loss", "ssim_values", group, columns);
                 self.dispatch(pass, "loss", "ssim_spread", group, rows);

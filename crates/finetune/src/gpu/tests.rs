@@ -167,7 +167,7 @@ fn flat<T: bytemuck::NoUninit>(v: &[T]) -> Vec<f32> {
 
 #[test]
 fn project_agrees() {
-    let Some(p) = pair(3000, [200, 130], Loss::Mse) else { return };
+    let Some(p) = pair(3000, [200, 130], Loss::MSE) else { return };
     p.gpu.run(&[GpuStage::Project], &p.u, &[]);
     let keys: Vec<u32> = p.gpu.read("keys", 0, 3000).unwrap();
     let f = &p.cpu.forward.projected;
@@ -200,7 +200,7 @@ fn project_agrees() {
 
 #[test]
 fn lists_are_equal() {
-    let Some(p) = pair(3000, [200, 130], Loss::Mse) else { return };
+    let Some(p) = pair(3000, [200, 130], Loss::MSE) else { return };
     // Counts come from `project`; everything else from the Rust executor.
     p.gpu.run(&[GpuStage::Project], &p.u, &[]);
     let f = &p.cpu.forward;
@@ -232,7 +232,7 @@ fn upload_lists(p: &Pair) {
 /// A block that a splat does not reach is skipped: every reached pixel is in a reached block.
 #[test]
 fn skipped_blocks_have_no_pixel_that_counts() {
-    let Some(p) = pair(3000, [200, 130], Loss::Mse) else { return };
+    let Some(p) = pair(3000, [200, 130], Loss::MSE) else { return };
     upload_lists(&p);
     let f = &p.cpu.forward;
     let words: Vec<u32> = p.gpu.read("hits", 0, f.lists.ids.len().div_ceil(4)).unwrap();
@@ -261,7 +261,7 @@ fn skipped_blocks_have_no_pixel_that_counts() {
 
 #[test]
 fn blend_is_equal_to_the_bit() {
-    let Some(p) = pair(3000, [200, 130], Loss::Mse) else { return };
+    let Some(p) = pair(3000, [200, 130], Loss::MSE) else { return };
     upload_lists(&p);
     p.gpu.run(&[GpuStage::Blend], &p.u, &[]);
     let f = &p.cpu.forward;
@@ -278,7 +278,7 @@ fn blend_is_equal_to_the_bit() {
 
 #[test]
 fn blend_adjoint_and_gather_are_equal_to_the_bit() {
-    let Some(p) = pair(3000, [200, 130], Loss::Mse) else { return };
+    let Some(p) = pair(3000, [200, 130], Loss::MSE) else { return };
     upload_lists(&p);
     let f = &p.cpu.forward;
     p.gpu.write("pixels", 0, &flat(&f.tiles));
@@ -300,7 +300,7 @@ fn blend_adjoint_and_gather_are_equal_to_the_bit() {
 
 #[test]
 fn losses_agree() {
-    for loss in [Loss::Mse, Loss::default()] {
+    for loss in [Loss::MSE, Loss::L1_SSIM, Loss::mse_ssim(0.02)] {
         let Some(p) = pair(500, [90, 61], loss) else { return };
         let f = &p.cpu.forward;
         p.gpu.write("pixels", 0, &flat(&f.tiles));
@@ -327,7 +327,7 @@ fn gradients_at(views: &[TrainView], loss: Loss) -> ViewGradients {
 
 #[test]
 fn an_antialiased_model_is_projected_as_in_rust() {
-    let Some(p) = pair_of(antialiased(scene(3000, 1, 11)), [200, 130], Loss::Mse) else { return };
+    let Some(p) = pair_of(antialiased(scene(3000, 1, 11)), [200, 130], Loss::MSE) else { return };
     p.gpu.run(&[GpuStage::Project], &p.u, &[]);
     let keys: Vec<u32> = p.gpu.read("keys", 0, 3000).unwrap();
     let splats: Vec<[f32; 12]> = p.gpu.read("page_splats", 0, 3000).unwrap();
@@ -359,9 +359,9 @@ fn adam_agrees_on_an_antialiased_model() {
 
 fn adam_agrees_on(scene: Scene) {
     let size = [200, 130];
-    let Some(p) = pair_of(scene, size, Loss::Mse) else { return };
+    let Some(p) = pair_of(scene, size, Loss::MSE) else { return };
     let view = TrainView { camera: camera(size[0], size[1]), photo: photo(size[0], size[1]) };
-    let mut views = gradients_at(&[view], Loss::Mse);
+    let mut views = gradients_at(&[view], Loss::MSE);
     let mut host = SceneOptimiser::new(p.scene.clone(), LearningRates::default(), 0.0);
     host.step(&mut views, 0, 1, 1.0);
     // The photo of the views has 8 bits per value, so the sums are those of the views.
@@ -398,7 +398,7 @@ fn on_device(
     let options = RenderOptions { background: BACKGROUND, ..Default::default() };
     let prepared: Vec<_> = views.iter().map(|v| PreparedView::new(v.clone(), &options)).collect();
     let from = SceneOptimiser::new(scene.clone(), LearningRates::default(), 0.0);
-    DeviceOptimiser::new(context, &from, &prepared, Loss::default())
+    DeviceOptimiser::new(context, &from, &prepared, Loss::L1_SSIM)
 }
 
 /// Three views of a scene with large Gaussians: more than the four slots each that the executor begins with.
@@ -432,7 +432,7 @@ fn whole_steps_agree_and_slots_grow() {
         (out.take_scene(), losses)
     };
     let (on_gpu, gpu_losses) = run(on_device(context, &scene, &views).unwrap());
-    let (mut cpu, mut gradients) = (start(), gradients_at(&views, Loss::default()));
+    let (mut cpu, mut gradients) = (start(), gradients_at(&views, Loss::L1_SSIM));
     let step = |step: u64| cpu.step(&mut gradients, step as usize % 3, step, decay(step));
     let cpu_losses: Vec<_> = (1..=6).map(step).collect();
     assert_eq!(gpu_losses.len(), 6);

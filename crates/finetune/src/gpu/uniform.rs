@@ -24,17 +24,20 @@ pub(crate) struct StepUniform {
     pub(crate) capacity: u32,
     pub(crate) loss_slot: u32,
     pub(crate) step: u32,
-    pub(crate) l1_ssim: u32,
+    pub(crate) antialiased: u32,
     pub(crate) extra: f32,
     pub(crate) rates: [f32; 4],
     pub(crate) rotation_rate: f32,
     pub(crate) inv_sqrt_bias2: f32,
-    pub(crate) ssim_weight: f32,
+    pub(crate) most_splats: u32,
     pub(crate) view_weight: f32,
     pub(crate) first_row: u32,
     pub(crate) end_row: u32,
-    pub(crate) most_splats: u32,
-    pub(crate) antialiased: u32,
+    pub(crate) l1: f32,
+    pub(crate) mse: f32,
+    pub(crate) ssim: f32,
+    /// The size is a multiple of 16 bytes.
+    pub(crate) padding: [u32; 3],
 }
 
 impl StepUniform {
@@ -61,20 +64,17 @@ impl StepUniform {
 
     /// The numbers of `scene`, and the loss; the rest zero.
     pub(crate) fn of_scene(scene: &Scene, loss: Loss) -> Self {
-        let (l1_ssim, ssim_weight) = match loss {
-            Loss::Mse => (0, 0.0),
-            Loss::L1Ssim { ssim_weight } => (1, ssim_weight),
-        };
+        let Loss { l1, mse, ssim } = loss;
         let (count, sh_len) = (scene.len() as u32, scene.sh_len() as u32);
         let antialiased = u32::from(scene.antialiased);
-        Self { count, sh_len, l1_ssim, ssim_weight, antialiased, ..Self::default() }
+        Self { count, sh_len, l1, mse, ssim, antialiased, ..Self::default() }
     }
 
     /// The view of `self` with the scene and loss of `base`.
     pub(crate) fn merge(mut self, base: &Self) -> Self {
         (self.count, self.sh_len) = (base.count, base.sh_len);
         self.antialiased = base.antialiased;
-        (self.l1_ssim, self.ssim_weight) = (base.l1_ssim, base.ssim_weight);
+        (self.l1, self.mse, self.ssim) = (base.l1, base.mse, base.ssim);
         self
     }
 
@@ -85,7 +85,7 @@ impl StepUniform {
         self
     }
 
-    pub(crate) fn is_l1_ssim(&self) -> bool {
-        self.l1_ssim == 1
+    pub(crate) fn has_ssim(&self) -> bool {
+        self.ssim > 0.0
     }
 }

@@ -196,7 +196,7 @@ mod tests {
         let view = TrainView { camera, photo };
         let after = |weight: f32| {
             let options = RenderOptions::default();
-            let mut views = ViewGradients::new(vec![view.clone()], Loss::Mse, &options).unwrap();
+            let mut views = ViewGradients::new(vec![view.clone()], Loss::MSE, &options).unwrap();
             let mut run = SceneOptimiser::new(scene.clone(), LearningRates::default(), 0.0);
             run.shrinkage = Shrinkage { opacity: weight, scale: weight };
             (1..=20).for_each(|number| _ = run.step(&mut views, 0, number, 1.0));

@@ -8,6 +8,7 @@ use super::blend_adjoint::TileGradient;
 use super::project::RenderView;
 use super::*;
 use crate::metrics::taps;
+use crate::options::Loss;
 
 /// Radius of the SSIM window.
 pub(crate) const RADIUS: usize = 5;
@@ -77,23 +78,56 @@ fn clamped_error2(x: f32, y: f32) -> f64 {
     d * d
 }
 
-/// Mean squared error over all values; `gradient` becomes its gradient with respect to `x`.
-pub(crate) fn mse(w: usize, x: &[f32], y: &[f32], gradient: &mut Vec<f32>) -> ViewLoss {
+/// The terms of the loss that are sums over pixels, over three planes of `n` values in all.
+#[derive(Clone, Copy)]
+struct PerPixel {
+    l1: f32,
+    mse: f32,
+    n: f32,
+}
+
+impl PerPixel {
+    fn new(loss: Loss, n: usize) -> Self {
+        Self { l1: loss.l1, mse: loss.mse, n: n as f32 }
+    }
+
+    /// The gradient with respect to `x`.
+    #[inline(always)]
+    fn gradient(self, d: f32) -> f32 {
+        let sign = if d > 0.0 { self.l1 / self.n } else { -self.l1 / self.n };
+        let l1 = if d == 0.0 { 0.0 } else { sign };
+        2.0 * self.mse / self.n * d + l1
+    }
+
+    /// The sums over a row: the weighted errors, and the squared error of the clamped image.
+    fn sums(self, x: &[f32], y: &[f32]) -> (f64, f64) {
+        let (l1, mse) = (f64::from(self.l1), f64::from(self.mse));
+        let (mut sum, mut clamped) = (0.0, 0.0);
+        for (&x, &y) in x.iter().zip(y) {
+            let d = f64::from(x - y);
+            sum += l1 * d.abs() + mse * d * d;
+            clamped += clamped_error2(x, y);
+        }
+        (sum, clamped)
+    }
+}
+
+/// The loss without SSIM over all values; `gradient` becomes its gradient with respect to `x`.
+pub(crate) fn per_pixel(
+    w: usize,
+    loss: Loss,
+    [x, y]: [&[f32]; 2],
+    gradient: &mut Vec<f32>,
+) -> ViewLoss {
     gradient.resize(x.len(), 0.0);
-    let scale = 2.0 / x.len() as f32;
-    let rows: Vec<(f64, f64)> = gradient
-        .par_chunks_mut(w)
-        .zip(x.par_chunks(w))
-        .zip(y.par_chunks(w))
+    let terms = PerPixel::new(loss, x.len());
+    let rows = gradient.par_chunks_mut(w).zip(x.par_chunks(w)).zip(y.par_chunks(w));
+    let rows: Vec<(f64, f64)> = rows
         .map(|((g, x), y)| {
-            let (mut sum, mut clamped) = (0.0, 0.0);
             for ((g, &x), &y) in g.iter_mut().zip(x).zip(y) {
-                let d = x - y;
-                *g = scale * d;
-                sum += f64::from(d) * f64::from(d);
-                clamped += clamped_error2(x, y);
+                *g = terms.gradient(x - y);
             }
-            (sum, clamped)
+            terms.sums(x, y)
         })
         .collect();
     total(&rows, x.len())
@@ -105,7 +139,7 @@ fn total(rows: &[(f64, f64)], n: usize) -> ViewLoss {
     ViewLoss { loss: loss / n as f64, mse: mse / n as f64 }
 }
 
-/// Buffers of the L1 + SSIM loss.
+/// Buffers of a loss with SSIM.
 #[derive(Default)]
 pub(crate) struct SsimScratch {
     /// Per row: x, y, x^2, y^2, x y blurred along the row.
@@ -211,39 +245,30 @@ fn row_ssim(moments: PlaneRow<'_>, out: &mut [f32]) -> f64 {
     values.iter().map(|&v| f64::from(v)).sum()
 }
 
-/// The gradient of the whole loss in a row, from the partials. Returns the sums of |x - y| and of the clamped squared
-/// error.
+/// The gradient of the whole loss in a row, from the partials. Returns the sums without SSIM.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 fn row_gradient(
     partials: PlaneRow<'_>,
-    weight: f32,
+    loss: Loss,
     x: &[f32],
     y: &[f32],
     out: &mut [f32],
 ) -> (f64, f64) {
-    let n = (3 * partials.w * partials.h) as f32;
-    let (ssim_scale, l1_scale) = (-weight / n, (1.0 - weight) / n);
+    let terms = PerPixel::new(loss, 3 * partials.w * partials.h);
+    let scale = loss.ssim / terms.n;
     let [pm, pv, pc] = partials.blurred::<3>(&window());
     for i in 0..partials.w {
-        let d = x[i] - y[i];
-        let sign = if d > 0.0 { l1_scale } else { -l1_scale };
-        let l1 = if d == 0.0 { 0.0 } else { sign };
         let s = pm[i] + 2.0 * x[i] * pv[i] + y[i] * pc[i];
-        out[i] = l1 + ssim_scale * s;
+        out[i] = terms.gradient(x[i] - y[i]) - scale * s;
     }
-    let (mut abs, mut clamped) = (0.0, 0.0);
-    for (&x, &y) in x.iter().zip(y) {
-        abs += f64::from((x - y).abs());
-        clamped += clamped_error2(x, y);
-    }
-    (abs, clamped)
+    terms.sums(x, y)
 }
 
-/// `(1 - weight) L1 + weight (1 - SSIM)` over three planes of rows of `w` pixels; `gradient` becomes its
-/// gradient with respect to `x`. The window is 11x11, sigma 1.5, zero padding.
-pub(crate) fn l1_ssim(
+/// The loss over three planes of rows of `w` pixels; `gradient` becomes its gradient with respect to `x`. The window of
+/// SSIM is 11x11, sigma 1.5, zero padding.
+pub(crate) fn with_ssim(
     w: usize,
-    weight: f32,
+    loss: Loss,
     [x, y]: [&[f32]; 2],
     scratch: &mut SsimScratch,
     gradient: &mut Vec<f32>,
@@ -262,10 +287,9 @@ pub(crate) fn l1_ssim(
     let partials = &scratch.partials;
     let rows = gradient.par_chunks_mut(w).zip(x.par_chunks(w)).zip(y.par_chunks(w)).enumerate();
     let rows: Vec<(f64, f64)> = rows
-        .map(|(row, ((out, x), y))| row_gradient(of(row, partials), weight, x, y, out))
+        .map(|(row, ((out, x), y))| row_gradient(of(row, partials), loss, x, y, out))
         .collect();
-    let l1 = total(&rows, n);
-    let ssim = ssim.iter().sum::<f64>() / n as f64;
-    let weight = f64::from(weight);
-    ViewLoss { loss: (1.0 - weight) * l1.loss + weight * (1.0 - ssim), mse: l1.mse }
+    let mut all = total(&rows, n);
+    all.loss += f64::from(loss.ssim) * (1.0 - ssim.iter().sum::<f64>() / n as f64);
+    all
 }

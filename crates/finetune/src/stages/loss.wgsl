@@ -163,7 +163,7 @@ fn store_ssim(x: u32, y: u32, value: f32, mean: f32, variance: f32, cov: f32) {
         partials[at] = mean;
         partials[n + at] = variance;
         partials[2u * n + at] = cov;
-        values[at] = vec2<f32>(u.ssim_weight * (1.0 - value), 0.0);
+        values[at] = vec2<f32>(u.ssim * (1.0 - value), 0.0);
     }
 }
 
@@ -261,15 +261,14 @@ fn finish(channel: u32, x: u32, y: u32, mean: f32, variance: f32, cov: f32) {
         let d = a - b;
         let shown = clamp(a, 0.0, 1.0) - b;
         let at = y * u.width + x;
-        if (u.l1_ssim == 1u) {
+        g = (u.l1 * sign(d) + 2.0 * u.mse * d) / total;
+        var value = u.l1 * abs(d) + u.mse * d * d;
+        if (u.ssim > 0.0) {
             let s = mean + 2.0 * a * variance + b * cov;
-            let l1 = sign(d) * ((1.0 - u.ssim_weight) / total);
-            g = l1 - (u.ssim_weight / total) * s;
-            values[at] = vec2<f32>(values[at].x + (1.0 - u.ssim_weight) * abs(d), shown * shown);
-        } else {
-            g = 2.0 / total * d;
-            values[at] = vec2<f32>(d * d, shown * shown);
+            g -= (u.ssim / total) * s;
+            value += values[at].x;
         }
+        values[at] = vec2<f32>(value, shown * shown);
     }
     // Zero beyond the image's edge.
     let tile = (y / TILE) * u.tiles_x + x / TILE;
@@ -289,7 +288,7 @@ fn loss_gradient(
     var mean: Run;
     var variance: Run;
     var cov: Run;
-    if (u.l1_ssim == 1u) {
+    if (u.ssim > 0.0) {
         mean = spread_run(0u, p);
         variance = spread_run(1u, p);
         cov = spread_run(2u, p);

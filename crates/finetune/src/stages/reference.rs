@@ -146,7 +146,7 @@ mod tests {
         let mut photo = Image::new(75, 53);
         photo.rgb.iter_mut().for_each(|v| *v = r(0.0, 1.0));
         let mut pass = Backward::<FROZEN>::default();
-        pass.run(&scene, &view, &planes_of(&photo.rgb), Loss::default());
+        pass.run(&scene, &view, &planes_of(&photo.rgb), Loss::L1_SSIM);
         let f = &pass.forward;
         let tiles = blend(&view, &f.projected.seen.splats, &f.lists);
         let bits = |v: &[TilePixels]| bytemuck::cast_slice::<_, u32>(v).to_vec();

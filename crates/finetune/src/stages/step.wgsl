@@ -18,10 +18,10 @@ struct StepUniform {
     sh_len: u32,
     reference: u32,
     capacity: u32,
-    // Entry of the loss ring, number of the step, 1 for L1 + SSIM.
+    // Entry of the loss ring, number of the step, 1 if the opacity of the Gaussians is compensated for the blur.
     loss_slot: u32,
     step: u32,
-    l1_ssim: u32,
+    antialiased: u32,
     // A number for kernels of another crate.
     extra: f32,
     // Learning rates: SH DC, other SH, opacity, log-scale; rotation; Adam's second correction. Kernels of another
@@ -29,15 +29,17 @@ struct StepUniform {
     rates: vec4<f32>,
     rotation_rate: f32,
     inv_sqrt_bias2: f32,
-    ssim_weight: f32,
+    // Splats that there is room for.
+    most_splats: u32,
     // What the gradients of the view are multiplied by.
     view_weight: f32,
-    // The band of the view: its first row of tiles and one past its last; splats that there is room for.
+    // The band of the view: its first row of tiles and one past its last.
     first_row: u32,
     end_row: u32,
-    most_splats: u32,
-    // 1 if the opacity of the Gaussians is compensated for the blur.
-    antialiased: u32,
+    // Weights of the loss: the absolute error, the squared error, 1 - SSIM.
+    l1: f32,
+    mse: f32,
+    ssim: f32,
 }
 
 @group(0) @binding(0) var<uniform> u: StepUniform;

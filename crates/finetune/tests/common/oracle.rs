@@ -1,7 +1,7 @@
 //! The naive oracle: f64, no tiles, textbook formulas (covariance, conic, determinant), every
 //! Gaussian against every pixel.
 
-use finetune::Image;
+use finetune::{Image, Loss};
 use gs_model::{Camera, Scene};
 
 /// Parameters of a scene in f64.
@@ -193,14 +193,18 @@ pub fn render(
     out
 }
 
-/// Mean squared error.
-pub fn mse(rgb: &[f64], photo: &Image) -> f64 {
-    rgb.iter().zip(&photo.rgb).map(|(a, &b)| (a - f64::from(b)).powi(2)).sum::<f64>()
-        / rgb.len() as f64
+/// The loss of a picture, all weights as given.
+pub fn loss(rgb: &[f64], photo: &Image, weights: Loss) -> f64 {
+    let errors = || rgb.iter().zip(&photo.rgb).map(|(a, &b)| (a - f64::from(b)).abs());
+    let n = rgb.len() as f64;
+    let [l1, mse, ssim] = [weights.l1, weights.mse, weights.ssim].map(f64::from);
+    l1 * errors().sum::<f64>() / n
+        + mse * errors().map(|e| e * e).sum::<f64>() / n
+        + ssim * (1.0 - self::ssim(rgb, photo))
 }
 
-/// `(1 - weight) L1 + weight (1 - SSIM)`, the window as a plain double sum.
-pub fn l1_ssim(rgb: &[f64], photo: &Image, weight: f64) -> f64 {
+/// SSIM, the window as a plain double sum.
+fn ssim(rgb: &[f64], photo: &Image) -> f64 {
     let (w, h) = (photo.width as i64, photo.height as i64);
     let mut window = [[0.0; 11]; 11];
     for (a, row) in window.iter_mut().enumerate() {
@@ -210,10 +214,7 @@ pub fn l1_ssim(rgb: &[f64], photo: &Image, weight: f64) -> f64 {
         }
     }
     let sum: f64 = window.iter().flatten().sum();
-    let (mut l1, mut ssim) = (0.0, 0.0);
-    for (a, &b) in rgb.iter().zip(&photo.rgb) {
-        l1 += (a - f64::from(b)).abs();
-    }
+    let mut ssim = 0.0;
     for ch in 0..3 {
         for y in 0..h {
             for x in 0..w {
@@ -238,6 +239,5 @@ pub fn l1_ssim(rgb: &[f64], photo: &Image, weight: f64) -> f64 {
             }
         }
     }
-    let n = rgb.len() as f64;
-    (1.0 - weight) * l1 / n + weight * (1.0 - ssim / n)
+    ssim / rgb.len() as f64
 }

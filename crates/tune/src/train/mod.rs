@@ -141,14 +141,14 @@ impl Train {
         let coarse: Vec<TrainView> = views.iter().map(|view| smaller(view, pixels)).collect();
         let fine = if coarse.iter().zip(&views).any(|(a, b)| a.camera.width < b.camera.width) {
             let render = RenderOptions::default();
-            let mut fine = ViewGradients::new(views, Loss::default(), &render)?;
+            let mut fine = ViewGradients::new(views, Loss::L1_SSIM, &render)?;
             fine.split(pixels);
             fine.move_means(true);
             Some(fine)
         } else {
             None
         };
-        let mut views = Views::all(coarse, Loss::default(), seed)?;
+        let mut views = Views::all(coarse, Loss::L1_SSIM, seed)?;
         views.gradients.move_means(true);
         let mut trainer = Trainer::new(views, fingerprint, Backend::Cpu, checkpoint, cancel)?;
         let extent = extent(&trainer.views.cameras);

@@ -58,7 +58,7 @@ pub(super) struct Figures {
 /// Measures one size.
 pub(super) fn measure(adapter: Adapter, shot: Shot) -> Result<Figures> {
     let (scene, view) = shot.make();
-    let mut views = ViewGradients::new(vec![view], Loss::Mse, &RenderOptions::default())?;
+    let mut views = ViewGradients::new(vec![view], Loss::MSE, &RenderOptions::default())?;
     let start = || SceneOptimiser::new(scene.clone(), LearningRates::default(), 0.0);
     let (mut host, mut fetched) = (start(), start());
     let mut device = views.scene_on_device(adapter, &host)?;

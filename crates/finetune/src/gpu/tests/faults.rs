@@ -88,7 +88,7 @@ fn crowd(n: usize) -> Scene {
 #[test]
 fn the_longest_list_that_is_let_through_is_not_cut() {
     let n = loops::longest_list(65_535) as usize;
-    let Some(p) = pair_of(crowd(n), [32, 32], Loss::Mse) else { return };
+    let Some(p) = pair_of(crowd(n), [32, 32], Loss::MSE) else { return };
     println!("loops end after: {:?}", p.gpu.context.loop_limit);
     upload_lists(&p);
     let f = &p.cpu.forward;
@@ -120,7 +120,7 @@ fn lists_that_the_driver_would_cut_are_refused() {
             one_line(&done.unwrap_err(), &reason);
         }
         None => {
-            let loss = gradients_at(&views, Loss::default()).run(&scene, 0);
+            let loss = gradients_at(&views, Loss::L1_SSIM).run(&scene, 0);
             assert!((done.unwrap()[0].psnr() - loss.psnr()).abs() < 1e-3);
         }
     }
