@@ -6,30 +6,30 @@
 pub(crate) struct Point {
     /// Rate, any unit, positive.
     pub(crate) rate: f64,
-    /// PSNR in dB.
-    pub(crate) psnr_db: f64,
+    /// How good the pictures are, by any measure of which more is better.
+    pub(crate) score: f64,
 }
 
 impl Point {
     /// The point in MB of one in bytes, as charts have it.
     pub(crate) fn in_mb(self) -> (f64, f64) {
-        (self.rate / 1e6, self.psnr_db)
+        (self.rate / 1e6, self.score)
     }
 }
 
-/// BD-rate: mean rate difference at equal PSNR of `test` against `anchor`, per cent (negative: `test` is smaller).
-/// `None` if the curves share no range of PSNR or have fewer than two points on their hulls.
+/// BD-rate: mean rate difference at equal score of `test` against `anchor`, per cent (negative: `test` is smaller).
+/// `None` if the curves share no range of scores or have fewer than two points on their hulls.
 pub(crate) fn bd_rate(anchor: &[Point], test: &[Point]) -> Option<f64> {
-    let by_psnr = |points: &[Point]| -> (Vec<f64>, Vec<f64>) {
-        hull(points).iter().map(|p| (p.psnr_db, p.rate.log10())).unzip()
+    let by_score = |points: &[Point]| -> (Vec<f64>, Vec<f64>) {
+        hull(points).iter().map(|p| (p.score, p.rate.log10())).unzip()
     };
-    Some((10f64.powf(mean_gap(by_psnr(anchor), by_psnr(test))?) - 1.0) * 100.0)
+    Some((10f64.powf(mean_gap(by_score(anchor), by_score(test))?) - 1.0) * 100.0)
 }
 
-/// BD-PSNR: mean PSNR difference at equal rate of `test` against `anchor`, dB.
-pub(crate) fn bd_psnr(anchor: &[Point], test: &[Point]) -> Option<f64> {
+/// Mean difference of the score at equal rate of `test` against `anchor`; of PSNR it is the BD-PSNR, dB.
+pub(crate) fn bd_score(anchor: &[Point], test: &[Point]) -> Option<f64> {
     let by_rate = |points: &[Point]| -> (Vec<f64>, Vec<f64>) {
-        hull(points).iter().map(|p| (p.rate.log10(), p.psnr_db)).unzip()
+        hull(points).iter().map(|p| (p.rate.log10(), p.score)).unzip()
     };
     mean_gap(by_rate(anchor), by_rate(test))
 }
@@ -43,14 +43,14 @@ fn mean_gap(anchor: (Vec<f64>, Vec<f64>), test: (Vec<f64>, Vec<f64>)) -> Option<
     (low < high && mean.is_finite()).then_some(mean)
 }
 
-/// The rate of a curve at a PSNR, linear between the points of its hull; `None` beyond its ends.
-pub(crate) fn rate_at(curve: &[Point], psnr_db: f64) -> Option<f64> {
-    at(hull(curve).iter().map(|p| (p.psnr_db, p.rate)).collect(), psnr_db)
+/// The rate of a curve at a score, linear between the points of its hull; `None` beyond its ends.
+pub(crate) fn rate_at(curve: &[Point], score: f64) -> Option<f64> {
+    at(hull(curve).iter().map(|p| (p.score, p.rate)).collect(), score)
 }
 
-/// The PSNR of a curve at a rate, on its hull; `None` outside the rates of its points.
-pub(crate) fn psnr_at(curve: &[Point], rate: f64) -> Option<f64> {
-    at(hull(curve).iter().map(|p| (p.rate, p.psnr_db)).collect(), rate)
+/// The score of a curve at a rate, on its hull; `None` outside the rates of its points.
+pub(crate) fn score_at(curve: &[Point], rate: f64) -> Option<f64> {
+    at(hull(curve).iter().map(|p| (p.rate, p.score)).collect(), rate)
 }
 
 /// The ordinate at `x` of a line through points of rising abscissae; `None` beyond its ends.
@@ -62,17 +62,17 @@ pub(crate) fn at(line: Vec<(f64, f64)>, x: f64) -> Option<f64> {
 }
 
 /// The upper-left convex hull (rate linear): the points that no mixture of others beats, by
-/// rising rate and PSNR.
+/// rising rate and score.
 pub(crate) fn hull(points: &[Point]) -> Vec<Point> {
     let mut sorted: Vec<Point> = points.iter().copied().filter(|p| p.rate.is_finite()).collect();
-    sorted.sort_by(|a, b| a.rate.total_cmp(&b.rate).then(b.psnr_db.total_cmp(&a.psnr_db)));
+    sorted.sort_by(|a, b| a.rate.total_cmp(&b.rate).then(b.score.total_cmp(&a.score)));
     let mut out: Vec<Point> = Vec::new();
     for p in sorted {
-        if out.last().is_some_and(|last| p.psnr_db <= last.psnr_db) {
+        if out.last().is_some_and(|last| p.score <= last.score) {
             continue;
         }
         while let [.., a, b] = out[..] {
-            let slope = |u: Point, v: Point| (v.psnr_db - u.psnr_db) / (v.rate - u.rate);
+            let slope = |u: Point, v: Point| (v.score - u.score) / (v.rate - u.rate);
             if slope(a, b) > slope(b, p) {
                 break;
             }
@@ -163,7 +163,7 @@ mod tests {
     use crate::published;
 
     fn points(list: &[(f64, f64)]) -> Vec<Point> {
-        list.iter().map(|&(rate, psnr_db)| Point { rate, psnr_db }).collect()
+        list.iter().map(|&(rate, score)| Point { rate, score }).collect()
     }
 
     /// The paper's curves: figures of the reference notes, computed with NumPy and SciPy.
@@ -173,20 +173,20 @@ mod tests {
             let [anchor, test] = published::uniform_and_adaptive(scene).unwrap();
             let got = bd_rate(&anchor, &test).unwrap();
             assert!((got - rate).abs() < 0.01, "{scene}: {got}");
-            let got = bd_psnr(&anchor, &test).unwrap();
+            let got = bd_score(&anchor, &test).unwrap();
             assert!((got - gain).abs() < 0.001, "{scene}: {got}");
         }
     }
 
     #[test]
-    fn half_the_rate_is_minus_fifty_per_cent_and_a_constant_lift_is_the_bd_psnr() {
+    fn half_the_rate_is_minus_fifty_per_cent_and_a_constant_lift_is_the_bd_score() {
         let anchor = points(&[(10.0, 30.0), (20.0, 32.0), (40.0, 33.5), (80.0, 34.5)]);
         let half: Vec<Point> = anchor.iter().map(|p| Point { rate: p.rate / 2.0, ..*p }).collect();
         assert!((bd_rate(&anchor, &half).unwrap() + 50.0).abs() < 1e-9);
         assert!(bd_rate(&anchor, &anchor).unwrap().abs() < 1e-9);
-        let lifted = |p: &Point| Point { psnr_db: p.psnr_db + 0.7, ..*p };
+        let lifted = |p: &Point| Point { score: p.score + 0.7, ..*p };
         let lifted: Vec<Point> = anchor.iter().map(lifted).collect();
-        assert!((bd_psnr(&anchor, &lifted).unwrap() - 0.7).abs() < 1e-9);
+        assert!((bd_score(&anchor, &lifted).unwrap() - 0.7).abs() < 1e-9);
     }
 
     #[test]
@@ -207,7 +207,7 @@ mod tests {
     fn a_rate_is_read_off_between_points() {
         let curve = points(&[(100.0, 20.0), (200.0, 30.0), (400.0, 32.0)]);
         assert_eq!(rate_at(&curve, 25.0), Some(150.0));
-        assert_eq!(psnr_at(&curve, 150.0), Some(25.0));
+        assert_eq!(score_at(&curve, 150.0), Some(25.0));
         assert_eq!(rate_at(&curve, 32.0), Some(400.0));
         assert_eq!((rate_at(&curve, 33.0), rate_at(&curve, 19.0)), (None, None));
     }

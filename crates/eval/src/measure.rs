@@ -1,12 +1,52 @@
 //! Renders a scene at a set of views and compares the renders with the photos.
 
 use anyhow::Result;
-use finetune::{Image, RenderOptions, TrainView, metrics};
+use finetune::metrics::Scores;
+use finetune::{Image, RenderOptions, TrainView};
 use gs_model::Scene;
 use gs_model::View;
 use serde::{Deserialize, Serialize};
 
 use crate::progress::Bar;
+
+/// What curves are compared by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Metric {
+    Psnr,
+    Ssim,
+    Ssimulacra2,
+}
+
+impl Metric {
+    pub(crate) const ALL: [Self; 3] = [Self::Psnr, Self::Ssim, Self::Ssimulacra2];
+
+    /// For tables and charts.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Psnr => "PSNR",
+            Self::Ssim => "SSIM",
+            Self::Ssimulacra2 => "SSIMULACRA2",
+        }
+    }
+
+    /// With its unit.
+    pub(crate) fn words(self, value: f64) -> String {
+        match self {
+            Self::Psnr => format!("{value:.2} dB"),
+            Self::Ssim => format!("{value:.4}"),
+            Self::Ssimulacra2 => format!("{value:.1}"),
+        }
+    }
+
+    /// Its mean over the views.
+    pub(crate) fn of(self, score: &Score) -> f64 {
+        match self {
+            Self::Psnr => score.psnr_db,
+            Self::Ssim => score.ssim,
+            Self::Ssimulacra2 => score.ssimulacra2,
+        }
+    }
+}
 
 /// Quality of a scene at one view.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -17,6 +57,8 @@ pub struct ViewScore {
     pub psnr_db: f64,
     /// Mean SSIM.
     pub ssim: f64,
+    /// SSIMULACRA2 of the render in 8 bits.
+    pub ssimulacra2: f64,
 }
 
 /// Quality of a scene over views.
@@ -26,6 +68,8 @@ pub struct Score {
     pub psnr_db: f64,
     /// Mean over views of the SSIM.
     pub ssim: f64,
+    /// Mean over views of the SSIMULACRA2.
+    pub ssimulacra2: f64,
     /// Each view.
     pub views: Vec<ViewScore>,
 }
@@ -48,12 +92,8 @@ pub fn score(scene: &Scene, views: &[TrainView], bar: &Bar) -> (Score, Vec<Image
     let mut renders = Vec::with_capacity(views.len());
     for view in views {
         let render = finetune::render(scene, &view.camera, &options);
-        let photo = view.photo.image();
-        scores.push(ViewScore {
-            view: view.camera.name.clone(),
-            psnr_db: metrics::psnr(&render, &photo),
-            ssim: metrics::ssim(&render, &photo),
-        });
+        let Scores { psnr, ssim, ssimulacra2 } = Scores::of(&render, &view.photo.image());
+        scores.push(ViewScore { view: view.camera.name.clone(), psnr_db: psnr, ssim, ssimulacra2 });
         renders.push(render);
         bar.step(1);
     }
@@ -62,7 +102,7 @@ pub fn score(scene: &Scene, views: &[TrainView], bar: &Bar) -> (Score, Vec<Image
 
 /// Mean PSNR of a scene at the views against their photos, dB.
 pub(crate) fn psnr_db(scene: &Scene, views: &[TrainView]) -> f64 {
-    score(scene, views, &Bar::hidden()).0.psnr_db
+    views.iter().map(|view| view.psnr(scene)).sum::<f64>() / views.len().max(1) as f64
 }
 
 impl Score {
@@ -71,6 +111,7 @@ impl Score {
         Self {
             psnr_db: views.iter().map(|v| v.psnr_db).sum::<f64>() / n,
             ssim: views.iter().map(|v| v.ssim).sum::<f64>() / n,
+            ssimulacra2: views.iter().map(|v| v.ssimulacra2).sum::<f64>() / n,
             views,
         }
     }
@@ -82,7 +123,8 @@ mod tests {
 
     #[test]
     fn decibels_are_averaged_not_errors() {
-        let view = |psnr_db| ViewScore { view: String::new(), psnr_db, ssim: 0.5 };
+        let view =
+            |psnr_db| ViewScore { view: String::new(), psnr_db, ssim: 0.5, ssimulacra2: 70.0 };
         let score = Score::of(vec![view(20.0), view(40.0)]);
         assert_eq!(score.psnr_db, 30.0);
     }

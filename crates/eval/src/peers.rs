@@ -86,7 +86,8 @@ fn measured(
         let bar = Bar::new(&format!("render {name} {label}"), scene.held_out.len() as u64);
         let (score, _) = measure::score(&decoded, &scene.held_out, &bar);
         bar.done();
-        let (bytes, psnr_db, ssim) = (stream.len() as u64, score.psnr_db, Some(score.ssim));
-        Ok(OtherPoint { label: label.to_owned(), bytes, psnr_db, ssim })
+        let (ssim, ssimulacra2) = (Some(score.ssim), Some(score.ssimulacra2));
+        let (label, bytes) = (label.to_owned(), stream.len() as u64);
+        Ok(OtherPoint { label, bytes, psnr_db: score.psnr_db, ssim, ssimulacra2 })
     })
 }

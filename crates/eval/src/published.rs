@@ -9,6 +9,7 @@ use anyhow::{Context, Result};
 use serde::{Deserialize, Serialize};
 
 use crate::bd::Point;
+use crate::measure::Metric;
 
 /// `data/published.json`.
 #[derive(Deserialize)]
@@ -47,7 +48,10 @@ fn published(scene: &str) -> Result<Vec<Other>> {
 pub(crate) fn uniform_and_adaptive(scene: &str) -> Result<[Vec<Point>; 2]> {
     let all = published(scene)?;
     Ok(["paper, uniform", "paper, adaptive"].map(|name| {
-        all.iter().filter(|o| o.name.starts_with(name)).flat_map(Other::rates).collect()
+        all.iter()
+            .filter(|o| o.name.starts_with(name))
+            .flat_map(|o| o.rates(Metric::Psnr))
+            .collect()
     }))
 }
 
@@ -73,6 +77,20 @@ pub(crate) struct OtherPoint {
     pub(crate) psnr_db: f64,
     /// Mean SSIM.
     pub(crate) ssim: Option<f64>,
+    /// Mean SSIMULACRA2; recorded and published points have none.
+    pub(crate) ssimulacra2: Option<f64>,
+}
+
+impl OtherPoint {
+    /// Its bytes and its score, if that is known.
+    pub(crate) fn rate(&self, metric: Metric) -> Option<Point> {
+        let score = match metric {
+            Metric::Psnr => Some(self.psnr_db),
+            Metric::Ssim => self.ssim,
+            Metric::Ssimulacra2 => self.ssimulacra2,
+        };
+        Some(Point { rate: self.bytes as f64, score: score? })
+    }
 }
 
 impl Other {
@@ -86,10 +104,9 @@ impl Other {
         self.points.len() >= 3 && !self.is_published()
     }
 
-    /// The points with rates in bytes.
-    pub(crate) fn rates(&self) -> Vec<Point> {
-        let point = |p: &OtherPoint| Point { rate: p.bytes as f64, psnr_db: p.psnr_db };
-        self.points.iter().map(point).collect()
+    /// The points of which the score is known, with rates in bytes.
+    pub(crate) fn rates(&self, metric: Metric) -> Vec<Point> {
+        self.points.iter().filter_map(|p| p.rate(metric)).collect()
     }
 }
 
@@ -135,6 +152,7 @@ pub(crate) fn others(dir: &Path, name: &str) -> Result<Vec<Other>> {
                 bytes: p.total_bytes,
                 psnr_db: p.psnr_db,
                 ssim: Some(p.ssim),
+                ssimulacra2: None,
             }
         });
         let source = "paper-chain.json, recorded with the authors' tools".to_owned();
@@ -145,7 +163,7 @@ pub(crate) fn others(dir: &Path, name: &str) -> Result<Vec<Other>> {
         for p in peers {
             let family = p.peer.split([',', '(']).next().unwrap_or_default().trim().to_owned();
             let (bytes, psnr_db, ssim) = (p.total_bytes, p.psnr_db, Some(p.ssim));
-            let point = OtherPoint { label: p.peer, bytes, psnr_db, ssim };
+            let point = OtherPoint { label: p.peer, bytes, psnr_db, ssim, ssimulacra2: None };
             families.entry(family).or_default().push(point);
         }
         for (name, points) in families {
@@ -167,6 +185,7 @@ impl List {
             bytes: (rate * self.unit_bits / 8.0).round() as u64,
             psnr_db,
             ssim: None,
+            ssimulacra2: None,
         };
         let source = "published by the paper's authors; another model of the same photos".into();
         Other { name, source, points: self.points.iter().map(point).collect() }

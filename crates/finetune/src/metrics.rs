@@ -1,6 +1,41 @@
-//! PSNR and SSIM.
+//! PSNR, SSIM and SSIMULACRA2.
+//!
+//! LPIPS is not among them: its network's weights are not part of this project.
+
+use fast_ssim2::{PixelDescriptor, PixelSlice, compute_ssimulacra2};
 
 use crate::image::{Image, Photo};
+
+/// How much a picture looks like another, by three measures. More is better.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Scores {
+    /// [`psnr`], dB.
+    pub psnr: f64,
+    /// [`ssim`].
+    pub ssim: f64,
+    /// [`ssimulacra2`].
+    pub ssimulacra2: f64,
+}
+
+impl Scores {
+    /// Scores `image` against `reference`.
+    #[must_use]
+    pub fn of(image: &Image, reference: &Image) -> Self {
+        let (ssimulacra2, (psnr, ssim)) = rayon::join(
+            || ssimulacra2(image, reference),
+            || (psnr(image, reference), ssim(image, reference)),
+        );
+        Self { psnr, ssim, ssimulacra2 }
+    }
+
+    /// The mean of each score over some views; NaN without any.
+    #[must_use]
+    pub fn mean(scores: &[Self]) -> Self {
+        let mean = |of: fn(&Self) -> f64| scores.iter().map(of).sum::<f64>() / scores.len() as f64;
+        let (psnr, ssim) = (mean(|s| s.psnr), mean(|s| s.ssim));
+        Self { psnr, ssim, ssimulacra2: mean(|s| s.ssimulacra2) }
+    }
+}
 
 /// PSNR in dB, peak 1, over all pixels and channels; values of `a` and `b` are clamped to 0..=1
 /// first. Infinite for equal images; NaN if the sizes differ or the images are empty.
@@ -69,6 +104,26 @@ pub fn ssim(a: &Image, b: &Image) -> f64 {
         }
     }
     total / (3 * w * h) as f64
+}
+
+/// Width and height from which SSIMULACRA2 is defined, pixels.
+pub const SSIMULACRA2_FROM: u32 = 8;
+
+/// SSIMULACRA2 of `a` against the reference `b`, both as 8-bit sRGB, as libjxl's tool computes it: 100 for equal pictures,
+/// 90 where no difference is seen side by side at a normal distance, 70 for a high quality; it may be negative. NaN if
+/// the sizes differ, or an edge is below [`SSIMULACRA2_FROM`] pixels.
+///
+/// The Python package `ssimulacra2` 0.3 differs from that tool, and from this, by up to 8.
+#[must_use]
+pub fn ssimulacra2(a: &Image, b: &Image) -> f64 {
+    let (w, h) = (a.width, a.height);
+    if (w, h) != (b.width, b.height) || w.min(h) < SSIMULACRA2_FROM {
+        return f64::NAN;
+    }
+    let [a, b] = [a, b].map(Image::to_rgb8);
+    let slice = |rgb| PixelSlice::new(rgb, w, h, 3 * w as usize, PixelDescriptor::RGB8_SRGB).ok();
+    let score = slice(&b).zip(slice(&a)).and_then(|(b, a)| compute_ssimulacra2(&b, &a).ok());
+    score.unwrap_or(f64::NAN)
 }
 
 /// The 11 taps of the SSIM window along one axis; they sum to 1.

@@ -9,7 +9,8 @@ use crate::progress::Meter;
 use crate::report::Reporter;
 use crate::views::{Origin, Placed, WhichViews};
 use anyhow::Result;
-use finetune::{Image, RenderOptions, metrics, render};
+use finetune::metrics::Scores;
+use finetune::{Image, RenderOptions, render};
 use gs_model::{Camera, Scene};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -43,14 +44,13 @@ pub(crate) struct CompareArgs {
 /// How alike both models are in a view.
 struct ViewScore<'a> {
     camera: &'a Camera,
-    psnr: f64,
-    ssim: f64,
+    scores: Scores,
     /// Both pictures are black.
     empty: bool,
 }
 
-/// Compares two models. PSNR and SSIM are of the float renders, clamped to 0..=1; means are over the
-/// views' figures.
+/// Compares two models. PSNR and SSIM are of the float renders, clamped to 0..=1, SSIMULACRA2 of 8-bit ones; means are
+/// over the views' figures.
 pub(crate) fn run(args: &CompareArgs, report: Reporter) -> Result<()> {
     if is_stdio(&args.reference) && is_stdio(&args.model) {
         return Err(usage("only one of the two models can be standard input"));
@@ -65,14 +65,12 @@ pub(crate) fn run(args: &CompareArgs, report: Reporter) -> Result<()> {
     let Placed { cameras, origin } = args.views.cameras(&a, &args.reference)?;
     let seen = score_views(&a, &b, &cameras);
     let mut order: Vec<_> = seen.iter().collect();
-    order.sort_by(|x, y| x.psnr.total_cmp(&y.psnr));
+    order.sort_by(|x, y| x.scores.psnr.total_cmp(&y.scores.psnr));
     let pictures = match folder {
         Some(folder) => write_pictures(&a, &b, &order, folder, args.force)?,
         None => Vec::new(),
     };
-    let n = seen.len() as f64;
-    let psnr = seen.iter().map(|s| s.psnr).sum::<f64>() / n;
-    let ssim = seen.iter().map(|s| s.ssim).sum::<f64>() / n;
+    let scores = Scores::mean(&seen.iter().map(|s| s.scores).collect::<Vec<_>>());
     let errors = AttributeErrors::of(&a, &b);
     let model = |path: &Path, scene: &Scene| {
         let (gaussians, degree) = (scene.len(), scene.sh_degree);
@@ -82,13 +80,9 @@ pub(crate) fn run(args: &CompareArgs, report: Reporter) -> Result<()> {
     if let Some(origin) = &origin {
         human += &format!("{}\n", origin.human());
     }
-    human +=
-        &format!("renders, mean over {} views: PSNR {psnr:.3} dB, SSIM {ssim:.5}\n", seen.len());
+    human += &format!("renders, mean over {} views: {}\n", seen.len(), words(&scores));
     if let Some(worst) = order.first() {
-        human += &format!(
-            "  worst: {} with PSNR {:.3} dB, SSIM {:.5}\n",
-            worst.camera.name, worst.psnr, worst.ssim
-        );
+        human += &format!("  worst: {} with {}\n", worst.camera.name, words(&worst.scores));
     }
     if seen.iter().all(|s| s.empty) {
         note(
@@ -101,18 +95,32 @@ pub(crate) fn run(args: &CompareArgs, report: Reporter) -> Result<()> {
     }
     human +=
         &errors.as_ref().map_or("attributes: a model is empty\n".into(), AttributeErrors::human);
-    let view = |s: &ViewScore<'_>| json!({ "name": s.camera.name, "psnr": finite(s.psnr), "ssim": finite(s.ssim) });
-    let json = json!({
-        "gaussians": [a.len(), b.len()],
-        "sh_degree": [a.sh_degree, b.sh_degree],
-        "psnr": finite(psnr),
-        "ssim": finite(ssim),
-        "cameras": origin.as_ref().map(Origin::json),
-        "views": seen.iter().map(view).collect::<Vec<_>>(),
-        "pictures": pictures,
-        "attributes": errors.as_ref().map(AttributeErrors::json),
-    });
+    let view = |s: &ViewScore<'_>| {
+        let mut view = scores_json(&s.scores);
+        view["name"] = json!(s.camera.name);
+        view
+    };
+    let mut json = scores_json(&scores);
+    json["gaussians"] = json!([a.len(), b.len()]);
+    json["sh_degree"] = json!([a.sh_degree, b.sh_degree]);
+    json["cameras"] = origin.as_ref().map_or(Value::Null, Origin::json);
+    json["views"] = seen.iter().map(view).collect();
+    json["pictures"] = json!(pictures);
+    json["attributes"] = errors.as_ref().map_or(Value::Null, AttributeErrors::json);
     report.say(false, human.trim_end(), &json)
+}
+
+/// For a person. Pictures below 8 pixels have no SSIMULACRA2.
+pub(crate) fn words(scores: &Scores) -> String {
+    let Scores { psnr, ssim, ssimulacra2 } = scores;
+    let third = if ssimulacra2.is_nan() { "none".into() } else { format!("{ssimulacra2:.2}") };
+    format!("PSNR {psnr:.3} dB, SSIM {ssim:.5}, SSIMULACRA2 {third}")
+}
+
+/// As JSON; null for what is not finite.
+pub(crate) fn scores_json(scores: &Scores) -> Value {
+    let Scores { psnr, ssim, ssimulacra2 } = *scores;
+    json!({ "psnr": finite(psnr), "ssim": finite(ssim), "ssimulacra2": finite(ssimulacra2) })
 }
 
 fn render_both(a: &Scene, b: &Scene, camera: &Camera) -> [Image; 2] {
@@ -125,9 +133,9 @@ fn score_views<'a>(a: &Scene, b: &Scene, cameras: &'a [Camera]) -> Vec<ViewScore
     let mut seen = Vec::with_capacity(cameras.len());
     for camera in cameras {
         let [reference, image] = render_both(a, b, camera);
-        let psnr = metrics::psnr(&image, &reference);
+        let scores = Scores::of(&image, &reference);
         let empty = [&reference, &image].iter().all(|i| i.to_rgb8().iter().all(|&v| v == 0));
-        seen.push(ViewScore { camera, psnr, ssim: metrics::ssim(&image, &reference), empty });
+        seen.push(ViewScore { camera, scores, empty });
         steps.inc();
     }
     seen

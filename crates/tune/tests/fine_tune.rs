@@ -161,5 +161,8 @@ fn bad_input_is_an_error() {
     nan.log_scales[4][1] = f32::NAN;
     assert!(matches!(new(&nan, &good, options(1)), Err(Error::Scene(_))));
     let o = FineTuneOptions { loss: Loss::mse_ssim(-0.2), ..options(1) };
-    assert!(matches!(new(&scene(), &good, o), Err(Error::Option { option: "weight of the loss", .. })));
+    assert!(matches!(
+        new(&scene(), &good, o),
+        Err(Error::Option { option: "weight of the loss", .. })
+    ));
 }

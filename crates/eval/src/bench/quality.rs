@@ -36,6 +36,8 @@ const SETTINGS: [&str; 5] =
 /// the loss against photos, dB.
 const ENOUGH_DB: f64 = 40.0;
 const ENOUGH_SSIM: f64 = 0.99;
+/// "Visually lossless": no difference is seen side by side at a normal distance.
+const ENOUGH_SSIMULACRA2: f64 = 90.0;
 const MOST_LOST_DB: f64 = 0.2;
 
 /// What is coded, and what its streams are compared at.
@@ -56,6 +58,8 @@ struct Loss {
     psnr: f64,
     worst: f64,
     ssim: f64,
+    /// SSIMULACRA2 in the mean and at the worst view.
+    ssimulacra2: [f64; 2],
     /// PSNR that is lost against the photos, where there are some.
     lost: Option<f64>,
 }
@@ -65,6 +69,7 @@ impl Loss {
     fn is_enough(&self) -> bool {
         self.worst >= ENOUGH_DB
             && self.ssim >= ENOUGH_SSIM
+            && self.ssimulacra2[0] >= ENOUGH_SSIMULACRA2
             && self.lost.is_none_or(|lost| lost <= MOST_LOST_DB)
     }
 }
@@ -81,7 +86,7 @@ pub fn run(options: &QualityOptions) -> Result<()> {
         .chain(files.into_iter().map(|path| Ok(Model::alone(path))))
         .collect::<Result<_>>()?;
     let mut table =
-        Table::new("model | quality | bytes | PSNR dB | worst view dB | SSIM | lost dB | enough");
+        Table::new("model | quality | bytes | PSNR dB | worst view dB | SSIM | SSIMULACRA2 | worst view | lost dB | enough");
     let mut enough = QUALITIES.map(|_| true);
     for model in &models {
         for (quality, enough) in QUALITIES.iter().zip(&mut enough) {
@@ -94,6 +99,8 @@ pub fn run(options: &QualityOptions) -> Result<()> {
                 format!("{:.2}", loss.psnr),
                 format!("{:.2}", loss.worst),
                 format!("{:.4}", loss.ssim),
+                format!("{:.2}", loss.ssimulacra2[0]),
+                format!("{:.2}", loss.ssimulacra2[1]),
                 loss.lost.map_or("-".into(), |lost| format!("{lost:.3}")),
                 if loss.is_enough() { "yes" } else { "no" },
             ]);
@@ -112,13 +119,13 @@ pub fn run(options: &QualityOptions) -> Result<()> {
     let least = least.map_or("none".into(), |(quality, _)| quality.to_string());
     let mut page = Page::new(&options.out, "What is lost?");
     page.text(
-        "`cargo xtask bench-quality`. Streams without cameras. PSNR and SSIM compare renders of the stream with renders \
+        "`cargo xtask bench-quality`. Streams without cameras. PSNR, SSIM and SSIMULACRA2 compare renders of the stream with renders \
          of the input (`gsvx compare`): at the held-out views of scenes with photos, at eight viewpoints around other \
          models. \"Lost\" is how far the PSNR against the photos falls below that of the input.",
     );
     page.text(format!(
         "The default quality is the lowest that is \"enough\" on all these models: {ENOUGH_DB} dB or more at every \
-         view, an SSIM of {ENOUGH_SSIM} or more, and {MOST_LOST_DB} dB or less lost against photos. Of the qualities \
+         view, an SSIM of {ENOUGH_SSIM} or more, a SSIMULACRA2 of {ENOUGH_SSIMULACRA2} or more, and {MOST_LOST_DB} dB or less lost against photos. Of the qualities \
          measured, that is {least}. The default is {}.",
         ::gsvx::DEFAULT_QUALITY
     ));
@@ -178,6 +185,7 @@ impl Model {
         let compared: Value = compared.json()?;
         // Equal pictures have none.
         let db = |of: &Value| of["psnr"].as_f64().unwrap_or(f64::INFINITY);
+        let third = |of: &Value| of["ssimulacra2"].as_f64().unwrap_or(f64::NAN);
         let views = compared["views"].as_array().map(Vec::as_slice).unwrap_or_default();
         let bytes = std::fs::read(&stream)?;
         let scene = ::gsvx::decode(&bytes)?;
@@ -188,6 +196,10 @@ impl Model {
             psnr: db(&compared),
             worst: views.iter().map(db).fold(f64::INFINITY, f64::min),
             ssim: compared["ssim"].as_f64().context("ssim")?,
+            ssimulacra2: [
+                third(&compared),
+                views.iter().map(third).fold(f64::INFINITY, f64::min),
+            ],
             lost: self.photos.as_ref().map(lost),
         })
     }

@@ -9,6 +9,7 @@ use std::path::PathBuf;
 
 use anyhow::{Result, ensure};
 
+use crate::measure::Score;
 use crate::process::GsvxCommand;
 use crate::rd_curve::CurveOptions;
 use crate::rd_curve::streams::{QUALITIES, StreamKind, StreamPoint, Streams};
@@ -53,8 +54,8 @@ struct Tuned {
 struct Scene {
     name: String,
     gaussians: usize,
-    /// PSNR and SSIM of the model as it was trained.
-    original: [f64; 2],
+    /// The model as it was trained, against the photos.
+    original: Score,
     untuned: Vec<StreamPoint>,
     /// Streams that keep what the cameras do not see.
     untuned_all: Vec<StreamPoint>,
@@ -99,7 +100,7 @@ fn scene(options: &TuneBenchOptions, gsvx: &GsvxCommand, name: &str) -> Result<S
     Ok(Scene {
         name: study.test.files.name.clone(),
         gaussians: original.gaussians,
-        original: [original.score.psnr_db, original.score.ssim],
+        original: original.score,
         untuned: untuned(true)?,
         untuned_all: untuned(false)?,
         tuned,

@@ -6,6 +6,7 @@ use anyhow::Result;
 use super::{Inputs, Results, compare, page};
 use crate::bd::{self, Point};
 use crate::cells;
+use crate::measure::Metric;
 use crate::page::Table;
 use crate::published;
 use crate::rd_curve::record::{Bd, Curve};
@@ -49,7 +50,7 @@ pub(super) fn run(inputs: &Inputs<'_>) -> Result<Results> {
     })?;
     let highlight = |bd: &Bd| {
         let says = format!("bytes of {} against {} at equal PSNR", bd.test, bd.anchor);
-        bd.rate.map(|rate| (format!("{rate:+.1} %"), says))
+        bd.rates[0].map(|rate| (format!("{rate:+.1} %"), says))
     };
     let table = table_1(inputs, paper_uniform, paper_adaptive)?;
     let sections = vec![
@@ -76,12 +77,16 @@ fn table_1(inputs: &Inputs<'_>, uniform: &Curve, adaptive: &Curve) -> Result<Tab
     let mut row = |scene: String, [anchor, test]: &[Vec<Point>; 2], printed: &str| {
         let show = |x: Option<f64>| x.map_or("-".into(), |x| format!("{x:.2}"));
         let rate = bd::bd_rate(anchor, test).map(|r| -r);
-        table.row(cells![scene, show(bd::bd_psnr(anchor, test)), show(rate), printed]);
+        table.row(cells![scene, show(bd::bd_score(anchor, test)), show(rate), printed]);
     };
     for (scene, printed) in [("playroom", "0.08 dB, 13.42 %"), ("truck", "0.19 dB, 12.64 %")] {
         let points = published::uniform_and_adaptive(scene)?;
         row(format!("{scene}, published points"), &points, printed);
     }
-    row(format!("{}, this run", inputs.scene()), &[uniform.rates(), adaptive.rates()], "-");
+    row(
+        format!("{}, this run", inputs.scene()),
+        &[uniform, adaptive].map(|c| c.rates(Metric::Psnr)),
+        "-",
+    );
     Ok(table)
 }

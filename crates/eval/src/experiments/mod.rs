@@ -209,7 +209,7 @@ fn named(voxels: Voxels, what: String) -> Voxels {
 
 /// Bjontegaard differences of curves.
 fn compare(test: &Curve, anchor: &Curve) -> Bd {
-    sections::compare(test, &anchor.name, &anchor.rates())
+    sections::compare(test, &anchor.name, |metric| anchor.rates(metric))
 }
 
 #[cfg(test)]

@@ -2,6 +2,7 @@
 
 use super::{Inputs, Results};
 use crate::chart::Chart;
+use crate::measure::Metric;
 use crate::published::Other;
 use crate::rd_curve::record::{Curve, VoxelizedRecord};
 use crate::report::{Block, Document, Section, run, sections, tunes};
@@ -17,8 +18,8 @@ pub(super) fn curves(
     let title = format!("{}: {title}", inputs.scene());
     let in_words = |c: &Curve| Curve { name: c.what.clone(), ..c.clone() };
     let curves: Vec<Curve> = curves.iter().rev().map(in_words).collect();
-    let db = inputs.original.score.psnr_db;
-    let chart: Chart = run::curves_and_others(title, &curves, others, db);
+    let original = (Metric::Psnr, inputs.original.score.psnr_db);
+    let chart: Chart = run::curves_and_others(title, &curves, others, original);
     Section::open("Curves", vec![Block::Chart(chart, stem.into())])
 }
 

@@ -5,6 +5,7 @@ use anyhow::Result;
 use super::{Inputs, Results, compare, page};
 use crate::bd;
 use crate::cells;
+use crate::measure::Metric;
 use crate::page::Table;
 use crate::published::{NO_INIT, Other, PAPER_CHAIN};
 use crate::rd_curve::plan::{Coding, Voxels};
@@ -29,7 +30,9 @@ pub(super) fn run(inputs: &Inputs<'_>) -> Result<Results> {
         inputs.others(|o| !o.name.starts_with(NO_INIT) && !o.name.starts_with("paper, uniform"))?;
     let mut bd: Vec<Bd> = Vec::new();
     for other in others.iter().filter(|o| o.is_comparable()) {
-        bd.extend(curves.iter().map(|c| sections::compare(c, &other.name, &other.rates())));
+        bd.extend(
+            curves.iter().map(|c| sections::compare(c, &other.name, |metric| other.rates(metric))),
+        );
     }
     bd.push(compare(&curves[0], &curves[1]));
     let lead = format!(
@@ -51,7 +54,7 @@ fn highlights(bd: &[Bd]) -> Vec<(String, String)> {
     let own = bd.iter().filter(|b| b.test == "gsvx" || b.test == "gsvx, fine-tuned");
     let figure = |b: &Bd| {
         let says = format!("bytes of `{}` at equal PSNR, against {}", b.test, b.anchor);
-        b.rate.map(|rate| (format!("{rate:+.0} %"), says))
+        b.rates[0].map(|rate| (format!("{rate:+.0} %"), says))
     };
     own.filter_map(figure).collect()
 }
@@ -66,7 +69,7 @@ fn equal_quality(curves: &[Curve], others: &[Other]) -> Section {
     for (other, p) in same.flat_map(|o| o.points.iter().map(move |p| (o, p))) {
         let mut row = cells![other.name, p.label, p.bytes, format!("{:.3}", p.psnr_db)];
         row.extend(curves.iter().map(|curve| {
-            let bytes = bd::rate_at(&curve.rates(), p.psnr_db);
+            let bytes = bd::rate_at(&curve.rates(Metric::Psnr), p.psnr_db);
             let share = |b: f64| 100.0 * b / p.bytes.max(1) as f64;
             bytes.map_or("-".into(), |b| format!("{b:.0} ({:.0} %)", share(b)))
         }));

@@ -114,7 +114,7 @@ fn curves(study: &Study, options: &CurveOptions, qualities: &[f32]) -> Result<Ru
 fn compare(curves: &[Curve], others: &[published::Other]) -> Vec<Bd> {
     let mut out = Vec::new();
     let mut pair = |test: &Curve, anchor: &Curve| {
-        out.push(sections::compare(test, &anchor.name, &anchor.rates()));
+        out.push(sections::compare(test, &anchor.name, |metric| anchor.rates(metric)));
     };
     let (tuned, untuned): (Vec<&Curve>, Vec<&Curve>) = curves.iter().partition(|c| c.name == TUNED);
     for tuned in tuned {
@@ -130,7 +130,9 @@ fn compare(curves: &[Curve], others: &[published::Other]) -> Vec<Bd> {
         rest.iter().for_each(|curve| pair(curve, uniform));
     }
     for other in others.iter().filter(|o| o.is_comparable()) {
-        out.extend(curves.iter().map(|c| sections::compare(c, &other.name, &other.rates())));
+        out.extend(
+            curves.iter().map(|c| sections::compare(c, &other.name, |metric| other.rates(metric))),
+        );
     }
     out
 }

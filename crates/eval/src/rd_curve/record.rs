@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::bd::Point;
-use crate::measure::Score;
+use crate::measure::{Metric, Score};
 use crate::published::Other;
 use crate::round_trip::RoundTrip;
 
@@ -120,6 +120,11 @@ impl Coded {
         }
     }
 
+    /// Its bytes and its score.
+    pub(crate) fn rate(&self, metric: Metric) -> Point {
+        Point { rate: self.bytes as f64, score: metric.of(&self.score) }
+    }
+
     /// Quality or QPs.
     pub(crate) fn setting(&self) -> String {
         self.paper.clone().unwrap_or_else(|| format!("{:.0}", self.quality))
@@ -151,9 +156,8 @@ impl Curve {
     }
 
     /// Points with rates in bytes.
-    pub(crate) fn rates(&self) -> Vec<Point> {
-        let point = |p: &Coded| Point { rate: p.bytes as f64, psnr_db: p.score.psnr_db };
-        self.points.iter().map(point).collect()
+    pub(crate) fn rates(&self, metric: Metric) -> Vec<Point> {
+        self.points.iter().map(|p| p.rate(metric)).collect()
     }
 }
 
@@ -164,8 +168,8 @@ pub(crate) struct Bd {
     pub(crate) test: String,
     /// What it is compared with.
     pub(crate) anchor: String,
-    /// BD-rate by pchip on the hulls, per cent.
-    pub(crate) rate: Option<f64>,
+    /// BD-rates by PSNR, SSIM and SSIMULACRA2, by pchip on the hulls, per cent.
+    pub(crate) rates: [Option<f64>; 3],
     /// BD-PSNR by pchip on the hulls, dB.
     pub(crate) psnr: Option<f64>,
 }

@@ -9,6 +9,7 @@ use super::record::{Curve, Run};
 use super::study::Study;
 use crate::cells;
 use crate::chart::Chart;
+use crate::measure::Metric;
 use crate::page::{Page, Table, signed};
 use crate::report::headline::in_words;
 use crate::report::run;
@@ -69,7 +70,7 @@ fn against(runs: &[Run], scenes: &[&str]) -> Table {
         let mut row = cells![in_words(&bd.anchor)];
         row.extend(runs.iter().map(|run| {
             let found = run.bd.iter().find(|b| b.test == GSVX && b.anchor == bd.anchor);
-            signed(found.and_then(|b| b.rate), 2, " %")
+            signed(found.and_then(|b| b.rates[0]), 2, " %")
         }));
         table.row(row);
     }
@@ -78,12 +79,12 @@ fn against(runs: &[Run], scenes: &[&str]) -> Table {
 
 /// The points of gsvx.
 fn points(runs: &[Run]) -> Result<Table> {
-    let mut table = Table::new("scene | quality | bytes | dB | SSIM");
+    let mut table = Table::new("scene | quality | bytes | dB | SSIM | SSIMULACRA2");
     for run in runs {
         let curve: Option<&Curve> = run.curves.iter().find(|c| c.name == GSVX);
         for p in &curve.context("the run has no curve of gsvx")?.points {
-            let [db, ssim] = [p.score.psnr_db, p.score.ssim].map(|v| format!("{v:.4}"));
-            table.row(cells![run.scene, p.setting(), p.bytes, db, ssim]);
+            let [db, ssim, third] = Metric::ALL.map(|metric| format!("{:.4}", metric.of(&p.score)));
+            table.row(cells![run.scene, p.setting(), p.bytes, db, ssim, third]);
         }
     }
     Ok(table)
@@ -92,5 +93,10 @@ fn points(runs: &[Run]) -> Result<Table> {
 /// Our curves, gsvx first, and those of others as far as the chart of a report has them.
 fn chart(run: &Run) -> Chart {
     let title = format!("{}: PSNR over size", run.scene);
-    run::curves_and_others(title, &run.curves, &run.others, run.original.score.psnr_db)
+    run::curves_and_others(
+        title,
+        &run.curves,
+        &run.others,
+        (Metric::Psnr, run.original.score.psnr_db),
+    )
 }

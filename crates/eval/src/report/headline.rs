@@ -1,22 +1,25 @@
 //! What a reader wants first: how many bytes gsvx needs for the same picture, beside what.
 
 use crate::bd;
+use crate::measure::Metric;
 use crate::published::{Other, PAPER_CHAIN};
 use crate::rd_curve::plan::{
     ALL_KEPT, GSVX, NO_CAMERAS, PAPER_CODING, PAPER_CRITERIA, TUNED, UNIFORM,
 };
 use crate::rd_curve::record::{Coded, Run};
 
-/// The bytes of gsvx beside those of something else at equal PSNR.
+/// The bytes of gsvx beside those of something else at an equal score.
 pub(super) struct Comparison {
     /// Of the curve of `gsvx tune`.
     pub(super) tuned: bool,
     /// Per cent; negative if gsvx is smaller.
     pub(super) difference: f64,
-    /// What it is compared with, in words.
+    /// Name of the curve that it is compared with.
+    pub(super) anchor: String,
+    /// The same in words.
     pub(super) against: String,
     /// At which quality.
-    pub(super) at: &'static str,
+    pub(super) at: String,
 }
 
 /// What a curve is, for someone who has not seen its name before.
@@ -41,10 +44,20 @@ pub(crate) fn in_words(name: &str) -> String {
 pub(super) fn comparisons(run: &Run) -> Vec<Comparison> {
     let mut out: Vec<Comparison> = Vec::new();
     for bd in run.bd.iter().filter(|b| [GSVX, TUNED].contains(&b.test.as_str())) {
-        if let Some(difference) = bd.rate {
-            let at = "at equal picture quality, on average over the curve";
-            let (tuned, against) = (bd.test == TUNED, in_words(&bd.anchor));
-            out.push(Comparison { tuned, difference, against, at });
+        // The metric that favours gsvx least.
+        let least = Metric::ALL.iter().zip(bd.rates).filter_map(|(m, rate)| Some((m, rate?)));
+        if let Some((metric, difference)) = least.max_by(|a, b| a.1.total_cmp(&b.1)) {
+            let known = bd.rates.iter().flatten().count();
+            let at = match known {
+                1 => format!("at equal {}, on average over the curve", metric.name()),
+                _ => format!(
+                    "at equal {}, the least favourable of {known} metrics, on average over the curve",
+                    metric.name()
+                ),
+            };
+            let (tuned, anchor) = (bd.test == TUNED, bd.anchor.clone());
+            let against = in_words(&anchor);
+            out.push(Comparison { tuned, difference, anchor, against, at });
         }
     }
     // Codecs of one setting have no curve.
@@ -54,14 +67,17 @@ pub(super) fn comparisons(run: &Run) -> Vec<Comparison> {
             let difference = |p: &crate::published::OtherPoint| {
                 // A lossless archive is no competitor.
                 let lossy = 2 * p.bytes <= run.original.file_bytes;
-                let rate = bd::rate_at(&gsvx.rates(), p.psnr_db).filter(|_| lossy)?;
-                Some(100.0 * (rate / p.bytes.max(1) as f64 - 1.0))
+                let against = |metric| {
+                    let rate = bd::rate_at(&gsvx.rates(metric), p.rate(metric)?.score)?;
+                    Some(100.0 * (rate / p.bytes.max(1) as f64 - 1.0))
+                };
+                Metric::ALL.into_iter().filter(|_| lossy).filter_map(against).reduce(f64::max)
             };
             let weakest = other.points.iter().filter_map(difference).reduce(f64::max);
             if let Some(difference) = weakest {
-                let at = "at its own picture quality";
-                let against = in_words(&other.name);
-                out.push(Comparison { tuned: false, difference, against, at });
+                let at = "at its own picture quality, by the least favourable metric".into();
+                let (anchor, against) = (other.name.clone(), in_words(&other.name));
+                out.push(Comparison { tuned: false, difference, anchor, against, at });
             }
         }
     }
@@ -93,25 +109,47 @@ pub(super) fn title(scene: &str, all: &[Comparison]) -> String {
     }
 }
 
+impl Comparison {
+    /// Like with like: tuned and untuned against SPZ, untuned against the paper untuned, tuned against untuned.
+    fn is_on_a_card(&self) -> bool {
+        match (self.anchor.as_str(), self.tuned) {
+            (anchor, _) if anchor.starts_with("SPZ") => true,
+            (anchor, tuned) => tuned == (anchor == GSVX) && [GSVX, PAPER_CODING].contains(&anchor),
+        }
+    }
+}
+
 /// Figures with what they are, one a line.
 pub(super) fn highlights(run: &Run, all: &[Comparison]) -> Vec<(String, String)> {
     let mut out: Vec<(String, String)> = all
         .iter()
+        .filter(|c| c.is_on_a_card())
         .map(|c| {
             let tuned = if c.tuned { ", tuned," } else { "" };
             (amount(c.difference), format!("bytes{tuned} than {}, {}", c.against, c.at))
         })
         .collect();
-    // The smallest stream within half a dB of the uncompressed model.
-    let close = |p: &Coded| p.score.psnr_db > run.original.score.psnr_db - 0.5;
+    // The smallest stream that equals the uncompressed model by all metrics, or else by PSNR.
+    let equals = |p: &Coded, metrics: &[Metric]| {
+        metrics.iter().all(|m| m.of(&p.score) >= m.of(&run.original.score))
+    };
     let ours = run.curves.iter().filter(|c| [GSVX, TUNED].contains(&c.name.as_str()));
     let points = ours.flat_map(|c| c.points.iter().map(|p| (p, c.name == TUNED)));
-    if let Some((p, tuned)) = points.filter(|(p, _)| close(p)).min_by_key(|(p, _)| p.bytes) {
+    let points: Vec<(&Coded, bool)> = points.collect();
+    let smallest = |metrics: &[Metric]| {
+        points.iter().filter(|(p, _)| equals(p, metrics)).min_by_key(|(p, _)| p.bytes)
+    };
+    let by_all = smallest(&Metric::ALL);
+    if let Some(&(p, tuned)) = by_all.or_else(|| smallest(&[Metric::Psnr])) {
+        let by = if by_all.is_some() {
+            "PSNR, SSIM and SSIMULACRA2"
+        } else {
+            "PSNR, not in SSIM and SSIMULACRA2"
+        };
         out.push((
             format!("{:.0}x", run.original.file_bytes as f64 / p.bytes.max(1) as f64),
             format!(
-                "smaller than the model's PLY, {:+.2} dB from its PSNR: {:.3} MB, {}at quality {:.0}",
-                p.score.psnr_db - run.original.score.psnr_db,
+                "smaller than the model's PLY and equal to it in {by}: {:.3} MB, {}at quality {:.0}",
                 p.bytes as f64 / 1e6,
                 if tuned { "tuned " } else { "" },
                 p.quality
@@ -129,7 +167,7 @@ mod tests {
     fn the_strongest_comparison_comes_first_in_plain_words() {
         let comparison = |difference, name| {
             let against = in_words(name);
-            Comparison { tuned: false, difference, against, at: "" }
+            Comparison { tuned: false, difference, anchor: name.into(), against, at: String::new() }
         };
         let all = [comparison(-84.2, PAPER_CODING), comparison(2.6, UNIFORM)];
         assert_eq!(

@@ -6,7 +6,7 @@ use anyhow::Result;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 
-use super::{Block, CropView, Document};
+use super::{Block, CropView, Document, NamedChart};
 use crate::page::Table;
 
 /// Text that is safe inside HTML.
@@ -78,6 +78,14 @@ fn render_block(out: &mut String, block: &Block, section: usize) -> Result<()> {
         Block::Chart(chart, _) => {
             let _ = writeln!(out, "<figure class=\"chart\">\n{}</figure>", chart.inline()?);
         }
+        Block::Charts(charts) => {
+            let labels: Vec<&str> = charts.iter().map(|c| c.name).collect();
+            begin_choice(out, "Metric", &labels, 0, &format!("s{section}m"));
+            for NamedChart { chart, .. } in charts {
+                let _ = writeln!(out, "<figure class=\"chart\">\n{}</figure>", chart.inline()?);
+            }
+            out.push_str("</fieldset>\n");
+        }
         Block::Views(views) => {
             for (i, view) in views.iter().enumerate() {
                 render_view(out, view, &format!("s{section}v{i}"))?;
@@ -112,18 +120,24 @@ fn render_table(out: &mut String, table: &Table) {
     out.push_str("</tbody>\n</table></div>\n");
 }
 
-/// Crops of one view on top of each other, one shown at a time: buttons, no script.
-fn render_view(out: &mut String, view: &CropView, id: &str) -> Result<()> {
-    let _ = writeln!(out, "<fieldset class=\"view\">\n<legend>{}</legend>", escape(&view.name));
-    let shown = view.crops.iter().position(|c| c.shown).unwrap_or(0);
-    for (i, crop) in view.crops.iter().enumerate() {
+/// Begins a set of figures on top of each other, one shown at a time: buttons, no script.
+fn begin_choice(out: &mut String, legend: &str, labels: &[&str], shown: usize, id: &str) {
+    let _ = writeln!(out, "<fieldset class=\"view\">\n<legend>{}</legend>", escape(legend));
+    for (i, label) in labels.iter().enumerate() {
         let checked = if i == shown { " checked" } else { "" };
         let _ = writeln!(
             out,
             "<input type=\"radio\" name=\"{id}\" id=\"{id}c{i}\"{checked}><label for=\"{id}c{i}\">{}</label>",
-            escape(&crop.label)
+            escape(label)
         );
     }
+}
+
+/// Crops of one view.
+fn render_view(out: &mut String, view: &CropView, id: &str) -> Result<()> {
+    let shown = view.crops.iter().position(|c| c.shown).unwrap_or(0);
+    let labels: Vec<&str> = view.crops.iter().map(|crop| crop.label.as_str()).collect();
+    begin_choice(out, &view.name, &labels, shown, id);
     for crop in &view.crops {
         let _ = writeln!(
             out,

@@ -52,8 +52,21 @@ pub(crate) enum Block {
     Table(Table),
     /// A chart and the stem of its file.
     Chart(Chart, String),
+    /// Charts of the same curves by other metrics, to flip through; the first is shown.
+    Charts(Vec<NamedChart>),
     /// Crops of views to flip through.
     Views(Vec<CropView>),
+}
+
+/// A chart to flip to.
+#[derive(Debug)]
+pub(crate) struct NamedChart {
+    /// What the button says.
+    pub(crate) name: &'static str,
+    /// The chart.
+    pub(crate) chart: Chart,
+    /// The stem of its file.
+    pub(crate) stem: String,
 }
 
 impl Section {
@@ -76,7 +89,12 @@ impl Document {
             fs::write(&path, bytes).with_context(|| format!("write {}", path.display()))
         };
         for block in self.sections.iter().flat_map(|s| &s.blocks) {
-            if let Block::Chart(chart, stem) = block {
+            let charts: Vec<(&Chart, &String)> = match block {
+                Block::Chart(chart, stem) => vec![(chart, stem)],
+                Block::Charts(all) => all.iter().map(|c| (&c.chart, &c.stem)).collect(),
+                _ => continue,
+            };
+            for (chart, stem) in charts {
                 put(&format!("{stem}.svg"), chart.svg()?.as_bytes())?;
             }
         }

@@ -2,10 +2,11 @@
 
 use super::headline;
 use super::sections::{self, UNITS};
-use super::{Block, CropView, Document, Section, megabits};
+use super::{Block, CropView, Document, NamedChart, Section, megabits};
 use crate::bd::Point;
 use crate::cells;
 use crate::chart::{Axis, Chart, Series};
+use crate::measure::Metric;
 use crate::page::Table;
 use crate::published::Other;
 use crate::rd_curve::record::{Coded, Curve, Original, Run};
@@ -24,7 +25,7 @@ const TERMS: &str = "Each point is a stream, decoded and rendered: its size, and
 const WHAT: &str = "gsvx compresses trained 3D Gaussian splatting models. It follows the paper Adaptive \
      Voxelization for Transform Coding of 3D Gaussian Splatting Data (arXiv 2506.00271).";
 
-const COLUMNS: &str = "curve | quality | bytes | Mbit | bit/Gaussian | PSNR dB | SSIM | Gaussians | voxelize s | \
+const COLUMNS: &str = "curve | quality | bytes | Mbit | bit/Gaussian | PSNR dB | SSIM | SSIMULACRA2 | Gaussians | voxelize s | \
      encode s | decode s | render s";
 
 /// The row of one point.
@@ -37,6 +38,7 @@ fn cells_of(curve: &Curve, p: &Coded) -> Vec<String> {
         format!("{:.2}", p.bits_per_gaussian()),
         format!("{:.3}", p.score.psnr_db),
         format!("{:.4}", p.score.ssim),
+        format!("{:.2}", p.score.ssimulacra2),
         p.gaussians,
         curve.voxels_of(p).map_or("-".into(), |v| format!("{:.2}", v.voxelize_seconds)),
         format!("{:.2}", p.encode_seconds),
@@ -56,6 +58,7 @@ pub(crate) fn points(original: &Original, curves: &[Curve]) -> Section {
         format!("{:.2}", original.file_bytes as f64 * 8.0 / original.gaussians.max(1) as f64),
         format!("{:.3}", original.score.psnr_db),
         format!("{:.4}", original.score.ssim),
+        format!("{:.2}", original.score.ssimulacra2),
         original.gaussians,
         "-",
         "-",
@@ -73,24 +76,29 @@ pub(crate) fn curves_and_others(
     title: String,
     curves: &[Curve],
     others: &[Other],
-    original_db: f64,
+    (metric, original): (Metric, f64),
 ) -> Chart {
     let line = |curve: &Curve| {
-        let mut points = curve.rates();
+        let mut points = curve.rates(metric);
         points.sort_by(|a, b| a.rate.total_cmp(&b.rate));
         Series::ours(&curve.name, points.into_iter().map(Point::in_mb).collect())
     };
     let mut all: Vec<Series> = curves.iter().rev().map(line).collect();
     let largest = all.iter().flat_map(|s| &s.points).map(|p| p.0).fold(0.0, f64::max);
-    all.extend(sections::other_series(others, WIDEST * largest));
-    chart(title, all, original_db)
+    all.extend(sections::other_series(others, metric, WIDEST * largest));
+    chart(title, all, (metric, original))
 }
 
-/// PSNR over size.
-pub(crate) fn chart(title: String, series: Vec<Series>, original_db: f64) -> Chart {
-    let axes =
-        [Axis::logarithmic("size, MB (10⁶ bytes)"), Axis::linear("PSNR at held-out views, dB")];
-    let level = (original_db, format!("uncompressed model, {original_db:.2} dB"));
+/// A score over size.
+pub(crate) fn chart(
+    title: String,
+    series: Vec<Series>,
+    (metric, original): (Metric, f64),
+) -> Chart {
+    let unit = if metric == Metric::Psnr { ", dB" } else { "" };
+    let score = format!("{} at held-out views{unit}", metric.name());
+    let axes = [Axis::logarithmic("size, MB (10⁶ bytes)"), Axis::linear(&score)];
+    let level = (original, format!("uncompressed model, {}", metric.words(original)));
     Chart::new(title, axes, series, Some(level))
 }
 
@@ -106,7 +114,8 @@ pub(crate) fn document(run: &Run, views: Vec<CropView>) -> Document {
     let lead = format!(
         "{WHAT} Here the model of one scene is coded at several sizes. The scene: {}. Of {} photos {} are held out \
          from training (every 8th by name), and {} are compared with renders. The model has {} Gaussians with colours of \
-         SH degree {}{invalid}; uncompressed it is {:.1} MB and reaches {:.2} dB PSNR and an SSIM of {:.4}.",
+         SH degree {}{invalid}; uncompressed it is {:.1} MB and reaches {:.2} dB PSNR, \
+         an SSIM of {:.4} and a SSIMULACRA2 of {:.1}.",
         run.what,
         run.views,
         run.held_out,
@@ -115,15 +124,26 @@ pub(crate) fn document(run: &Run, views: Vec<CropView>) -> Document {
         o.sh_degree,
         o.file_bytes as f64 / 1e6,
         o.score.psnr_db,
-        o.score.ssim
+        o.score.ssim,
+        o.score.ssimulacra2
     );
-    let title = format!("{}: PSNR over size, {} held-out views", run.scene, run.measured);
-    let chart = curves_and_others(title, &run.curves, &run.others, o.score.psnr_db);
+    let charts = Metric::ALL.map(|metric| {
+        let name = metric.name();
+        let title = format!("{}: {name} over size, {} held-out views", run.scene, run.measured);
+        let original = (metric, metric.of(&o.score));
+        let stem = if metric == Metric::Psnr {
+            "rd".into()
+        } else {
+            format!("rd-{}", name.to_lowercase())
+        };
+        let chart = curves_and_others(title, &run.curves, &run.others, original);
+        NamedChart { name, chart, stem }
+    });
     let curves = run.curves.iter().rev().map(|c| format!("`{}`: {}", c.name, c.what)).collect();
     let mut sections = vec![
         Section::open(
             "Curves",
-            vec![Block::Text(TERMS.into()), Block::List(curves), Block::Chart(chart, "rd".into())],
+            vec![Block::Text(TERMS.into()), Block::List(curves), Block::Charts(charts.into())],
         ),
         pictures(views),
         points(o, &run.curves),
@@ -151,7 +171,7 @@ fn voxelizations(run: &Run) -> Section {
         found.fold(0.0, f64::max)
     );
     let mut table = Table::new(
-        "voxelization | Gaussians | kept | PSNR dB | SSIM | voxelize s | render s | leaves by depth",
+        "voxelization | Gaussians | kept | PSNR dB | SSIM | SSIMULACRA2 | voxelize s | render s | leaves by depth",
     );
     for curve in &run.curves {
         for v in &curve.voxelized {
@@ -165,6 +185,7 @@ fn voxelizations(run: &Run) -> Section {
                 format!("{kept:.1} %"),
                 format!("{:.3}", v.score.psnr_db),
                 format!("{:.4}", v.score.ssim),
+                format!("{:.2}", v.score.ssimulacra2),
                 format!("{:.2}", v.voxelize_seconds),
                 format!("{:.2}", v.render_seconds),
                 depths.join(", "),

@@ -4,38 +4,44 @@ use super::{Block, Section, megabits};
 use crate::bd::{self, Point};
 use crate::cells;
 use crate::chart::{LineKind, Series};
+use crate::measure::Metric;
 use crate::page::{Table, signed};
 use crate::published::{Other, PAPER_CHAIN};
 use crate::rd_curve::record::{Bd, Curve};
 
 /// Bjontegaard differences of the hull of our curve against that of another.
-pub(crate) fn compare(test: &Curve, anchor: &str, rates: &[Point]) -> Bd {
-    let own = test.rates();
+pub(crate) fn compare(test: &Curve, anchor: &str, rates: impl Fn(Metric) -> Vec<Point>) -> Bd {
     Bd {
         test: test.name.clone(),
         anchor: anchor.to_owned(),
-        rate: bd::bd_rate(rates, &own),
-        psnr: bd::bd_psnr(rates, &own),
+        rates: Metric::ALL.map(|metric| bd::bd_rate(&rates(metric), &test.rates(metric))),
+        psnr: bd::bd_score(&rates(Metric::Psnr), &test.rates(Metric::Psnr)),
     }
 }
 
 /// Bjontegaard differences, with what they are.
 pub(crate) fn differences(title: &str, all: &[Bd]) -> Section {
-    let mut table = Table::new("curve | against | BD-rate, % | BD-PSNR, dB");
+    let mut table = Table::new(
+        "curve | against | BD-rate by PSNR, % | by SSIM, % | by SSIMULACRA2, % | BD-PSNR, dB",
+    );
     for bd in all {
-        table.row(cells![bd.test, bd.anchor, signed(bd.rate, 2, ""), signed(bd.psnr, 2, "")]);
+        let [a, b, c] = bd.rates.map(|rate| signed(rate, 2, ""));
+        table.row(cells![bd.test, bd.anchor, a, b, c, signed(bd.psnr, 2, "")]);
     }
     Section::open(title, vec![Block::Text(BD_TEXT.into()), Block::Table(table)])
 }
 
 /// How the differences are meant.
-const BD_TEXT: &str = "BD-rate: how many more bytes a curve needs than another at equal PSNR, on average. BD-PSNR: how \
+const BD_TEXT: &str = "BD-rate: how many more bytes a curve needs than another at an equal score, on average. BD-PSNR: how \
      much higher its PSNR is at equal bytes. Between the upper-left convex hulls, by monotone interpolation (pchip). \
-     Negative BD-rate: smaller at equal PSNR. A dash: the curves share no range, or have too few points.";
+     Negative BD-rate: smaller at an equal score. A dash: the curves share no range, have too few points, or nobody \
+     measured the score of one of them.";
 
 /// How sizes and PSNRs are meant.
 pub(crate) const UNITS: &str = "Sizes are of whole streams, decoded before rendering. Mbit = 10^6 bit. PSNR is \
-     the mean over views of the per-view dB of the clamped float render against the 8-bit photo.";
+     the mean over views of the per-view dB of the clamped float render against the 8-bit photo, SSIM the mean over \
+     views with an 11x11 Gaussian window, SSIMULACRA2 that of the 8-bit renders as libjxl computes it (90: no \
+     difference is seen side by side; 70: high quality).";
 
 /// What to know about points recorded beside a scene.
 const RECORDED_NOTE: &str = "The paper's chain is recorded: authors' voxelizer and initialisation, TMC13 with their \
@@ -50,10 +56,10 @@ const PUBLISHED_NOTE: &str = "Published points are of another training of these 
      fine-tuned means without coding them, so its points are optimistic.";
 
 /// Others as lines of a chart, in MB, up to `widest` MB.
-pub(crate) fn other_series(others: &[Other], widest: f64) -> Vec<Series> {
+pub(crate) fn other_series(others: &[Other], metric: Metric, widest: f64) -> Vec<Series> {
     let mut out = Vec::new();
     for other in others {
-        let mut points = other.rates();
+        let mut points = other.rates(metric);
         // A cloud of settings reads as a curve only along its hull.
         if points.len() > 4 {
             points = bd::hull(&points);
@@ -76,7 +82,7 @@ pub(crate) fn other_series(others: &[Other], widest: f64) -> Vec<Series> {
 
 /// Points of others as a table.
 fn others_table(others: &[Other]) -> Table {
-    let mut table = Table::new("codec | settings | bytes | Mbit | PSNR dB | SSIM");
+    let mut table = Table::new("codec | settings | bytes | Mbit | PSNR dB | SSIM | SSIMULACRA2");
     for other in others {
         let mut points = other.points.clone();
         points.sort_by_key(|p| p.bytes);
@@ -88,6 +94,7 @@ fn others_table(others: &[Other]) -> Table {
                 megabits(p.bytes),
                 format!("{:.3}", p.psnr_db),
                 p.ssim.map_or("-".into(), |s| format!("{s:.4}")),
+                p.ssimulacra2.map_or("-".into(), |s| format!("{s:.2}")),
             ]);
         }
     }

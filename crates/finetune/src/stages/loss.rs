@@ -142,7 +142,7 @@ fn total(rows: &[(f64, f64)], n: usize) -> ViewLoss {
 /// Buffers of a loss with SSIM.
 #[derive(Default)]
 pub(crate) struct SsimScratch {
-    /// Per row: x, y, x^2, y^2, x y blurred along the row.
+    /// Per row: x, y, x^2 + y^2, x y blurred along the row.
     moments: Vec<f32>,
     /// Per row: the partials with respect to the mean, the variance and the covariance,
     /// blurred along the row.
@@ -153,18 +153,30 @@ fn window() -> [f32; TAPS] {
     taps().map(|t| t as f32)
 }
 
+/// The sum of equally long rows, each times its tap, in registers. Taps at equal distances are equal.
+#[inline(always)]
+fn weigh(taps: &[f32; TAPS], rows: [&[f32]; TAPS], out: &mut [f32]) {
+    let n = out.len();
+    for row in rows {
+        assert_eq!(row.len(), n);
+    }
+    for (i, o) in out.iter_mut().enumerate() {
+        let mut sum = taps[RADIUS] * rows[RADIUS][i];
+        for k in 0..RADIUS {
+            sum += taps[k] * (rows[k][i] + rows[TAPS - 1 - k][i]);
+        }
+        *o = sum;
+    }
+}
+
 /// One row convolved with the window; `padded` holds it with [`RADIUS`] zeros either side.
 #[inline(always)]
 fn along(taps: &[f32; TAPS], padded: &[f32], out: &mut [f32]) {
-    let n = out.len();
-    for (o, p) in out.iter_mut().zip(padded) {
-        *o = taps[0] * p;
+    let mut shifted: [&[f32]; TAPS] = [&[]; TAPS];
+    for (k, row) in shifted.iter_mut().enumerate() {
+        *row = &padded[k..k + out.len()];
     }
-    for (k, t) in taps.iter().enumerate().skip(1) {
-        for (o, p) in out.iter_mut().zip(&padded[k..k + n]) {
-            *o += t * p;
-        }
-    }
+    weigh(taps, shifted, out);
 }
 
 /// A row of one plane of three, each of `h` rows of `w` pixels, and what is known of each of their rows.
@@ -180,21 +192,25 @@ impl PlaneRow<'_> {
     #[inline(always)]
     fn blurred<const Q: usize>(&self, taps: &[f32; TAPS]) -> [Vec<f32>; Q] {
         let (w, y) = (self.w, self.row % self.h);
+        // Above and below the picture.
+        let outside = vec![0.0f32; w];
         let mut out = [(); Q].map(|()| vec![0.0f32; w]);
-        for i in y.saturating_sub(RADIUS)..(y + RADIUS + 1).min(self.h) {
-            let at = (self.row - y + i) * Q * w;
-            let known = self.known[at..at + Q * w].chunks_exact(w);
-            for (out, known) in out.iter_mut().zip(known) {
-                for (o, v) in out.iter_mut().zip(known) {
-                    *o += taps[i + RADIUS - y] * v;
+        // Loops instead of closures: those would not be compiled for the caller's processor.
+        for (q, out) in out.iter_mut().enumerate() {
+            let mut rows: [&[f32]; TAPS] = [&outside; TAPS];
+            for (k, row) in rows.iter_mut().enumerate() {
+                if (RADIUS..self.h + RADIUS).contains(&(y + k)) {
+                    let at = ((self.row + k - RADIUS) * Q + q) * w;
+                    *row = &self.known[at..at + w];
                 }
             }
+            weigh(taps, rows, out);
         }
         out
     }
 }
 
-/// x, y, x^2, y^2 and x y, blurred along a row.
+/// x, y, x^2 + y^2 and x y, blurred along a row.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 fn row_moments(x: &[f32], y: &[f32], out: &mut [f32]) {
     let (w, taps) = (x.len(), window());
@@ -204,8 +220,7 @@ fn row_moments(x: &[f32], y: &[f32], out: &mut [f32]) {
             *p = match q {
                 0 => x,
                 1 => y,
-                2 => x * x,
-                3 => y * y,
+                2 => x * x + y * y,
                 _ => x * y,
             };
         }
@@ -217,7 +232,7 @@ fn row_moments(x: &[f32], y: &[f32], out: &mut [f32]) {
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 fn row_ssim(moments: PlaneRow<'_>, out: &mut [f32]) -> f64 {
     let (w, taps) = (moments.w, window());
-    let [mx, my, exx, eyy, exy] = moments.blurred::<5>(&taps);
+    let [mx, my, squares, exy] = moments.blurred::<4>(&taps);
     let mut padded = [(); 3].map(|()| vec![0.0f32; w + 2 * RADIUS]);
     let mut values = vec![0.0f32; w];
     let [pm, pv, pc] = &mut padded;
@@ -228,7 +243,7 @@ fn row_ssim(moments: PlaneRow<'_>, out: &mut [f32]) -> f64 {
         let a1 = 2.0 * uxy + C1;
         let a2 = 2.0 * (exy[i] - uxy) + C2;
         let b1 = uxx + uyy + C1;
-        let b2 = (exx[i] - uxx) + (eyy[i] - uyy) + C2;
+        let b2 = squares[i] - (uxx + uyy) + C2;
         let inv = 1.0 / (b1 * b2);
         let s = a1 * a2 * inv;
         let d_var = -(s / b2);
@@ -276,9 +291,9 @@ pub(crate) fn with_ssim(
     let n = x.len();
     let h = n / (3 * w);
     gradient.resize(n, 0.0);
-    scratch.moments.resize(5 * n, 0.0);
+    scratch.moments.resize(4 * n, 0.0);
     scratch.partials.resize(3 * n, 0.0);
-    let moments = scratch.moments.par_chunks_mut(5 * w).zip(x.par_chunks(w)).zip(y.par_chunks(w));
+    let moments = scratch.moments.par_chunks_mut(4 * w).zip(x.par_chunks(w)).zip(y.par_chunks(w));
     moments.for_each(|((out, x), y)| row_moments(x, y, out));
     let of = |row, known| PlaneRow { w, h, row, known };
     let moments = &scratch.moments;
@@ -286,9 +301,8 @@ pub(crate) fn with_ssim(
     let ssim: Vec<f64> = ssim.map(|(row, out)| row_ssim(of(row, moments), out)).collect();
     let partials = &scratch.partials;
     let rows = gradient.par_chunks_mut(w).zip(x.par_chunks(w)).zip(y.par_chunks(w)).enumerate();
-    let rows: Vec<(f64, f64)> = rows
-        .map(|(row, ((out, x), y))| row_gradient(of(row, partials), loss, x, y, out))
-        .collect();
+    let rows: Vec<(f64, f64)> =
+        rows.map(|(row, ((out, x), y))| row_gradient(of(row, partials), loss, x, y, out)).collect();
     let mut all = total(&rows, n);
     all.loss += f64::from(loss.ssim) * (1.0 - ssim.iter().sum::<f64>() / n as f64);
     all

@@ -4,6 +4,7 @@ use super::{Scene, StreamPoint, TuneBenchOptions, Tuned};
 use crate::bd;
 use crate::cells;
 use crate::chart::{Chart, Series};
+use crate::measure::Metric;
 use crate::page::{Page, Table, signed};
 use crate::rd_curve::streams::StreamKind;
 use crate::report;
@@ -11,26 +12,22 @@ use crate::report;
 /// What the settings are chosen by.
 const CHOICES: &str = include_str!("choices.md");
 
-fn rate(point: &StreamPoint) -> bd::Point {
-    bd::Point { rate: point.coded.bytes as f64, psnr_db: point.coded.score.psnr_db }
-}
-
-fn rates(points: &[StreamPoint]) -> Vec<bd::Point> {
-    points.iter().map(rate).collect()
+fn rates(points: &[StreamPoint], metric: Metric) -> Vec<bd::Point> {
+    points.iter().map(|p| p.coded.rate(metric)).collect()
 }
 
 pub(super) fn page(options: &TuneBenchOptions, scenes: &[Scene]) -> Page {
     let names: Vec<&str> = scenes.iter().map(|s| s.name.as_str()).collect();
     let model = |s: &Scene| {
-        let [db, ssim] = s.original;
-        format!("{} {} Gaussians, {db:.2} dB, SSIM {ssim:.4}", s.name, s.gaussians)
+        let scores = Metric::ALL.map(|m| format!("{} {}", m.name(), m.words(m.of(&s.original))));
+        format!("{}: {} Gaussians, {}", s.name, s.gaussians, scores.join(", "))
     };
     let models: Vec<String> = scenes.iter().map(model).collect();
     let mut page = Page::new(&options.out, "What does tuning save?");
     page.text(format!(
         "`cargo xtask bench-tune {}` runs `gsvx tune MODEL --cameras SCENE -q \
          QUALITY --effort EFFORT` for each row below, and compares the decoded stream with the held-out photos. PSNR \
-         (dB) and SSIM are means over these. \"Elsewhere\" is the PSNR against renders of the model as it was trained, at views \
+         (dB), SSIM and SSIMULACRA2 are means over these. \"Elsewhere\" is the PSNR against renders of the model as it was trained, at views \
          off the path of the cameras: between them, beside them and farther back. The column after it is the same of `gsvx \
          encode --cameras SCENE`, interpolated at these bytes. \"Untuned\" is `gsvx encode --cameras SCENE --drop-unseen` \
          ([rd.md](rd.md)). \"Distil\" tunes to renders of the model instead of the photos. CPU minutes are user time of all threads. `--run` and `--quality` measure a part; rows that \
@@ -44,7 +41,7 @@ pub(super) fn page(options: &TuneBenchOptions, scenes: &[Scene]) -> Page {
     if let Some(scene) = scenes.first() {
         page.chart("", chart(scene));
     }
-    page.text("BD-rate against untuned, by pchip:");
+    page.text("BD-rate against untuned, by each metric, by pchip:");
     page.table(&bd_table(scenes));
     page.table(&points_table(scenes));
     page.text("A model without photos is tuned to its own renders: [real-size.md](real-size.md).");
@@ -54,21 +51,23 @@ pub(super) fn page(options: &TuneBenchOptions, scenes: &[Scene]) -> Page {
 
 /// Mean differences over the range that both curves share.
 fn bd_table(scenes: &[Scene]) -> Table {
-    let mut table = Table::new("scene | run | BD-rate | over, dB | last point above the model, dB");
+    let mut table = Table::new("scene | run | by PSNR | by SSIM | by SSIMULACRA2 | over, dB");
     let ends = |hull: &[bd::Point]| {
-        let db = |p: Option<&bd::Point>| p.map_or(f64::NAN, |p| p.psnr_db);
+        let db = |p: Option<&bd::Point>| p.map_or(f64::NAN, |p| p.score);
         [db(hull.first()), db(hull.last())]
     };
     for scene in scenes {
-        let anchor = bd::hull(&rates(&scene.untuned));
         for Tuned { how, points } in &scene.tuned {
-            let test = bd::hull(&rates(points));
-            let rate = bd::bd_rate(&anchor, &test);
-            let ([a, b], [c, d]) = (ends(&anchor), ends(&test));
-            if rate.is_some() {
+            let curves = |metric| [&scene.untuned, points].map(|p| bd::hull(&rates(p, metric)));
+            let saved = Metric::ALL.map(|metric| {
+                let [anchor, test] = curves(metric);
+                bd::bd_rate(&anchor, &test)
+            });
+            let [[a, b], [c, d]] = curves(Metric::Psnr).map(|hull| ends(&hull));
+            if saved.iter().any(Option::is_some) {
                 let over = format!("{:.2} to {:.2}", a.max(c), b.min(d));
-                let above = format!("{:+.2}", d - scene.original[0]);
-                table.row(cells![scene.name, how.name(), signed(rate, 1, " %"), over, above]);
+                let [psnr, ssim, third] = saved.map(|rate| signed(rate, 1, " %"));
+                table.row(cells![scene.name, how.name(), psnr, ssim, third, over]);
             }
         }
     }
@@ -78,34 +77,42 @@ fn bd_table(scenes: &[Scene]) -> Table {
 /// The points of each effort, with photos.
 fn points_table(scenes: &[Scene]) -> Table {
     let mut table = Table::new(
-        "scene | run | quality | bytes | dB | SSIM | bytes against untuned at these dB | elsewhere, dB | \
+        "scene | run | quality | bytes | dB | SSIM | SSIMULACRA2 | bytes against untuned at this PSNR | at this SSIM | elsewhere, dB | \
          elsewhere without tuning, dB | CPU minutes | peak MB",
     );
     let off = |bytes: u64, of: f64| Some(100.0 * (bytes as f64 / of.max(1.0) - 1.0));
     for scene in scenes {
-        let untuned = rates(&scene.untuned);
         let elsewhere: Vec<bd::Point> = scene
             .untuned_all
             .iter()
-            .map(|p| bd::Point { psnr_db: p.elsewhere_db, ..rate(p) })
+            .map(|p| bd::Point { rate: p.coded.bytes as f64, score: p.elsewhere_db })
             .collect();
         let usual = |t: &&Tuned| matches!(t.how, StreamKind::Tune { distil: false, .. });
         let runs = scene.tuned.iter().filter(usual);
         for (how, point) in runs.flat_map(|t| t.points.iter().map(|p| (t.how, p))) {
             let p = &point.coded;
-            let db = p.score.psnr_db;
-            let bold = if db >= scene.original[0] { "**" } else { "" };
-            let against = bd::rate_at(&untuned, db).and_then(|rate| off(p.bytes, rate));
+            let [db, ssim, third] = Metric::ALL.map(|metric| {
+                let value = metric.of(&p.score);
+                let bold = if value >= metric.of(&scene.original) { "**" } else { "" };
+                format!("{bold}{}{bold}", metric.words(value).trim_end_matches(" dB"))
+            });
+            let against = |metric: Metric| {
+                let rate = bd::rate_at(&rates(&scene.untuned, metric), metric.of(&p.score));
+                signed(rate.and_then(|rate| off(p.bytes, rate)), 1, " %")
+            };
             table.row(cells![
                 scene.name,
                 how.name(),
                 p.quality,
                 p.bytes,
-                format!("{bold}{db:.2}{bold}"),
-                format!("{:.4}", p.score.ssim),
-                signed(against, 1, " %"),
+                db,
+                ssim,
+                third,
+                against(Metric::Psnr),
+                against(Metric::Ssim),
                 format!("{:.2}", point.elsewhere_db),
-                bd::psnr_at(&elsewhere, p.bytes as f64).map_or("-".into(), |db| format!("{db:.2}")),
+                bd::score_at(&elsewhere, p.bytes as f64)
+                    .map_or("-".into(), |db| format!("{db:.2}")),
                 format!("{:.1}", point.user_seconds / 60.0),
                 format!("{:.0}", point.peak_mb),
             ]);
@@ -117,10 +124,10 @@ fn points_table(scenes: &[Scene]) -> Table {
 /// All curves of a scene.
 fn chart(scene: &Scene) -> Chart {
     let series = |name: String, points: &[StreamPoint]| {
-        Series::ours(name, rates(points).into_iter().map(bd::Point::in_mb).collect())
+        Series::ours(name, rates(points, Metric::Psnr).into_iter().map(bd::Point::in_mb).collect())
     };
     let tuned = scene.tuned.iter().map(|t| series(t.how.name(), &t.points));
     let all = tuned.chain([series("untuned".into(), &scene.untuned)]).collect();
     let title = format!("{}: tuned and untuned, PSNR over size", scene.name);
-    report::run::chart(title, all, scene.original[0])
+    report::run::chart(title, all, (Metric::Psnr, scene.original.psnr_db))
 }
