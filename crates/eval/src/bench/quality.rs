@@ -85,8 +85,9 @@ pub fn run(options: &QualityOptions) -> Result<()> {
     let models: Vec<Model> = scenes
         .chain(files.into_iter().map(|path| Ok(Model::alone(path))))
         .collect::<Result<_>>()?;
-    let mut table =
-        Table::new("model | quality | bytes | PSNR dB | worst view dB | SSIM | SSIMULACRA2 | worst view | lost dB | enough");
+    let mut table = Table::new(
+        "model | quality | bytes | PSNR dB | worst view dB | SSIM | SSIMULACRA2 | worst view | lost dB | enough",
+    );
     let mut enough = QUALITIES.map(|_| true);
     for model in &models {
         for (quality, enough) in QUALITIES.iter().zip(&mut enough) {
@@ -196,10 +197,7 @@ impl Model {
             psnr: db(&compared),
             worst: views.iter().map(db).fold(f64::INFINITY, f64::min),
             ssim: compared["ssim"].as_f64().context("ssim")?,
-            ssimulacra2: [
-                third(&compared),
-                views.iter().map(third).fold(f64::INFINITY, f64::min),
-            ],
+            ssimulacra2: [third(&compared), views.iter().map(third).fold(f64::INFINITY, f64::min)],
             lost: self.photos.as_ref().map(lost),
         })
     }
