@@ -78,7 +78,7 @@ enum Command {
     /// Draw a model or stream from given or generated cameras as PNGs.
     #[command(after_help = render::EXAMPLES)]
     Render(render::RenderArgs),
-    /// Compare two models: PSNR and SSIM of their renders, errors of their attributes.
+    /// Compare two models: PSNR, SSIM and SSIMULACRA2 of their renders, errors of their attributes.
     #[command(after_help = compare::EXAMPLES)]
     Compare(compare::CompareArgs),
     /// Convert between PLY, glTF, SPZ, SOG and the formats of other tools; streams are read too, and put into glTF.
