@@ -95,7 +95,7 @@ fn remedy(cause: &(dyn std::error::Error + 'static)) -> Option<String> {
             Some(format!("pass --max-gaussians {points} if you trust it"))
         }
         Stream::TooLarge { .. } => {
-            Some("--drop-invalid leaves it out, encode --lossless keeps it".into())
+            Some("pass --lossless, or --drop-invalid to leave it out".into())
         }
         Stream::Truncated { what, .. } if *what != "head" => {
             Some("gsvx decode --salvage writes what is there".into())

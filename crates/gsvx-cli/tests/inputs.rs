@@ -97,7 +97,7 @@ fn a_colour_beyond_all_models_is_refused_with_two_ways_on() {
         let refused = run(&[&["encode", "@", "-o", "@"], memory].concat(), &[&input, &stream]);
         assert!(heard(&refused).contains(ways), "{}", heard(&refused));
     }
-    assert!(said.contains(ways) && said.contains("--drop-invalid leaves it out"), "{said}");
+    assert!(said.contains(ways) && said.contains("--drop-invalid to leave it out"), "{said}");
     ok(&["encode", "@", "-o", "@", "--drop-invalid"], &[&input, &stream]);
 }
 
