@@ -158,3 +158,31 @@ fn blur(plane: &[f64], w: usize, h: usize) -> Vec<f64> {
     }
     out
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn picture(value: impl Fn(usize, usize, usize) -> usize) -> Image {
+        let pixels = (0..24).flat_map(|y| (0..32).map(move |x| (x, y)));
+        let rgb = pixels.flat_map(|(x, y)| [0, 1, 2].map(|c| value(x, y, c) as f32 / 255.0));
+        Image { width: 32, height: 24, rgb: rgb.collect() }
+    }
+
+    #[test]
+    fn ssimulacra2_is_that_of_libjxl() {
+        let pattern = |x, y, c| 60 + (x * 5 + y * 3 + c * 40) % 128;
+        let reference = picture(pattern);
+        let noisy = picture(|x, y, c| pattern(x, y, c) + (x * 7 + y * 13) % 25);
+        // The tool `ssimulacra2` of libjxl 0.11.2, with these pictures as PNG.
+        assert!((ssimulacra2(&noisy, &reference) - 88.113_114_56).abs() < 1e-3);
+        assert_eq!(ssimulacra2(&reference, &reference), 100.0);
+    }
+
+    #[test]
+    fn pictures_of_other_sizes_or_below_eight_pixels_have_no_ssimulacra2() {
+        let [eight, seven] = [8, 7].map(|edge| Image::new(edge, edge));
+        assert_eq!(ssimulacra2(&eight, &eight), 100.0);
+        assert!(ssimulacra2(&seven, &seven).is_nan() && ssimulacra2(&eight, &seven).is_nan());
+    }
+}
