@@ -4,12 +4,13 @@
 //! small Gaussians, and what lies around it by few large ones. So a Gaussian weighs its opacity
 //! divided by its area. Which cameras see the detail, and not the back of a wall or fog right before
 //! the lens, is found by drawing a thinned-out copy of the model, small, from circles of different
-//! size, height and axis. [`cover`] gives cameras that show a model from wherever it can be seen, and
+//! size, height and axis. An object that stands in nothing is shown whole. [`cover`] gives cameras that show a model from wherever it can be seen, and
 //! [`nearby`] some that stand near given ones.
 
 mod bulk;
 mod coverage;
 mod nearby;
+mod object;
 mod ring;
 mod thinned;
 
@@ -20,6 +21,7 @@ pub use ring::{Placement, Ring};
 use bulk::{Bulk, Weigh};
 use glam::DVec3;
 use gs_model::{Camera, Scene};
+use object::whole_object;
 use thinned::{FEW, ThinnedScene, thinned};
 
 /// What the caller fixes. `find` chooses what is `None`.
@@ -78,7 +80,12 @@ const SAMPLE: usize = 1 << 16;
 #[must_use]
 pub fn find(scene: &Scene, constraints: &Constraints) -> Option<Placement> {
     let (sample, _) = thinned(scene, SAMPLE);
-    let scene = &sample;
+    let found = find_detail(&sample, constraints)?;
+    Some(whole_object(&sample, &found, constraints).unwrap_or(found))
+}
+
+/// Finds a circle around the detail.
+fn find_detail(scene: &Scene, constraints: &Constraints) -> Option<Placement> {
     let found = find_around(scene, Bulk::of(scene, Weigh::Detail)?, constraints, Weigh::Detail);
     // In some models the smallest Gaussians are specks in the air: then all count alike.
     let seen = ThinnedScene::of(scene, constraints.tangents, Weigh::Alike).all(&found.ring);
@@ -286,6 +293,45 @@ mod tests {
         for turn in [first, found.best, last] {
             let eye = found.ring.camera(String::new(), turn, [8, 6], 8.0).position();
             assert!(eye.z < WALL, "{eye} at {turn} of {found:?}");
+        }
+    }
+
+    /// The share of an image's edge where something shows.
+    fn touched(scene: &Scene, camera: &Camera) -> f64 {
+        let image = crate::render(scene, camera, &crate::RenderOptions::default());
+        let [width, height] = [image.width as usize, image.height as usize];
+        let is_edge = |i: &usize| {
+            let (x, y) = (i % width, i / width);
+            x == 0 || y == 0 || x + 1 == width || y + 1 == height
+        };
+        let edge: Vec<usize> = (0..width * height).filter(is_edge).collect();
+        let lit = edge.iter().filter(|&&i| image.rgb[3 * i..3 * i + 3].iter().any(|&v| v > 0.02));
+        lit.count() as f64 / edge.len() as f64
+    }
+
+    #[test]
+    fn nothing_of_an_object_is_cut_wherever_its_detail_is() {
+        // A head: a face of fine Gaussians on one side, coarse ones all around, long hair above.
+        let mut head = sphere([3.0, 1.0, -2.0]).select(&(0..500).collect::<Vec<_>>());
+        for i in 0..head.len() {
+            let [x, y, z] = [0, 1, 2].map(|k| head.means[i][k] - [3.0, 1.0, -2.0][k]);
+            let is_face = z < -0.75;
+            head.log_scales[i] = if is_face { [-4.5; 3] } else { [-2.5, -2.0, -3.0] };
+            head.means[i] = [3.0 + 0.7 * x, 1.0 + if y < 0.0 { 1.6 * y } else { y }, -2.0 + z];
+        }
+        let up = |up| Constraints { up, ..Constraints::default() };
+        for scale in [1.0, 0.15] {
+            head.means.as_flattened_mut().iter_mut().for_each(|x| *x *= scale);
+            let larger = libm::log(f64::from(scale)) as f32;
+            head.log_scales.as_flattened_mut().iter_mut().for_each(|s| *s += larger);
+            let mut cameras = [around(&head, 8), all_around(&head)].concat();
+            for up in [None, Some([0.0, 1.0, 0.0]), Some([1.0, 0.0, 0.0])].map(up) {
+                cameras.extend(cover(&head, &up, 24, [64, 48], false).unwrap().cameras);
+            }
+            for camera in &cameras {
+                let share = touched(&head, &camera.within(64 * 48));
+                assert!(share < 0.01, "{}: {share} of the edge", camera.name);
+            }
         }
     }
 

@@ -81,7 +81,7 @@ fn area(log_scale: &[f32; 3]) -> f64 {
 }
 
 /// The value below which the given share of the weight lies; 0 of nothing.
-fn quantile(mut values: Vec<(f64, f64)>, share: f64) -> f64 {
+pub(super) fn quantile(mut values: Vec<(f64, f64)>, share: f64) -> f64 {
     // Ties are broken, so that the sums do not depend on the number of threads.
     values.par_sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
     let total: f64 = values.iter().map(|v| v.1).sum();

@@ -1,10 +1,12 @@
 //! [`ThinnedScene`]: how much of the detail a camera sees, quickly.
 
-use gs_model::Scene;
+use gs_model::{Camera, SH_C0, Scene};
 use rayon::prelude::*;
 
 use super::bulk::{Weigh, weights};
 use super::ring::{Placement, Ring};
+use crate::forward::render;
+use crate::options::RenderOptions;
 use crate::saliency::saliency;
 
 /// Cameras on a circle during the search, and for the choice of an arc.
@@ -55,20 +57,42 @@ impl ThinnedScene {
         Self { scene: base, weights, tangents }
     }
 
-    /// The share of the detail that one camera sees.
-    pub(super) fn view(&self, ring: &Ring, turn: f64) -> f64 {
+    /// A small camera on a circle.
+    fn camera(&self, ring: &Ring, turn: f64) -> Camera {
         let wide = self.tangents[0].max(self.tangents[1]);
         let size = self.tangents.map(|t| (EDGE_PIXELS * t / wide).round().max(1.0) as u32);
-        let focal = 0.5 * EDGE_PIXELS / wide;
-        let camera = ring.camera(String::new(), turn, size, focal);
-        let seen = saliency(&self.scene, &[camera]).total;
+        ring.camera(String::new(), turn, size, 0.5 * EDGE_PIXELS / wide)
+    }
+
+    /// The share of the detail that one camera sees.
+    pub(super) fn view(&self, ring: &Ring, turn: f64) -> f64 {
+        let seen = saliency(&self.scene, &[self.camera(ring, turn)]).total;
         let sum: f64 =
             seen.iter().zip(&self.weights).map(|(&s, w)| w * (f64::from(s) / SEEN).min(1.0)).sum();
         sum / self.weights.iter().sum::<f64>().max(f64::MIN_POSITIVE)
     }
 
+    /// How opaque the edges of a few pictures are, from 0 to 1.
+    pub(super) fn edges(&self, ring: &Ring) -> f64 {
+        let mut white = self.scene.clone();
+        white.sh.fill([0.5 / SH_C0; 3]);
+        let edge = |i: u32| {
+            let camera = self.camera(ring, f64::from(i) / f64::from(FEW));
+            let image = render(&white, &camera, &RenderOptions::default());
+            let [width, height] = [image.width as usize, image.height as usize];
+            let is_edge = |i: &usize| {
+                let (x, y) = (i % width, i / width);
+                x == 0 || y == 0 || x + 1 == width || y + 1 == height
+            };
+            let edge = (0..width * height).filter(is_edge).map(|i| f64::from(image.rgb[3 * i]));
+            let (sum, count) = edge.fold((0.0, 0.0), |(sum, n), v| (sum + v, n + 1.0));
+            sum / count
+        };
+        (0..FEW).map(edge).sum::<f64>() / f64::from(FEW)
+    }
+
     /// How much each of a few cameras on a circle sees, in descending order.
-    fn few(&self, ring: &Ring) -> Vec<f64> {
+    pub(super) fn few(&self, ring: &Ring) -> Vec<f64> {
         let turn = |i: u32| f64::from(i) / f64::from(FEW);
         let mut seen: Vec<f64> =
             (0..FEW).into_par_iter().map(|i| self.view(ring, turn(i))).collect();

@@ -1,0 +1,62 @@
+//! Models of one object that stands in nothing: the whole of it is looked at, wherever its detail is.
+
+use glam::DVec3;
+use gs_model::Scene;
+
+use super::bulk::{Bulk, Weigh, quantile, weights};
+use super::thinned::ThinnedScene;
+use super::{Constraints, Placement, Ring, framing_distance};
+
+/// The share of the opacity that the whole of a model has: a few specks in the air are none of it.
+const NEARLY_ALL: f64 = 0.999;
+/// Standard deviations of a Gaussian that belong to it.
+const SIZES: f64 = 1.5;
+/// What is wider than this many times the bulk of its detail has a background.
+const WIDE: f64 = 4.0;
+/// Less than this share of the edges of pictures shows something behind an object: at most a third where the detail of a
+/// head or a bust fills them, and two thirds or more in rooms.
+const BEHIND: f64 = 0.5;
+/// From all sides of an object about as much is seen: at least this share of what is seen from the best one. Of rooms, and
+/// of what was photographed from one side, it is at most 0.3; of a head, a bust, a flower and a rider 0.5 to 0.8.
+const FROM_ALL_SIDES: f64 = 0.4;
+
+impl Bulk {
+    /// A sphere that holds nearly all of a model; `None` if it holds no Gaussian.
+    fn whole(scene: &Scene) -> Option<Self> {
+        let weights = weights(scene, Weigh::Alike);
+        let at = |i: usize| DVec3::from_array(scene.means[i].map(f64::from));
+        let size = |i: usize| scene.log_scales[i].iter().copied().fold(f32::NEG_INFINITY, f32::max);
+        let share_of = |share: f64, value: &dyn Fn(usize) -> f64| {
+            quantile((0..scene.len()).map(|i| (value(i), weights[i])).collect(), share)
+        };
+        let edge = |k: usize, share: f64| share_of(share, &|i| at(i)[k]);
+        let middle = |k: usize| 0.5 * (edge(k, 1.0 - NEARLY_ALL) + edge(k, NEARLY_ALL));
+        let centre = DVec3::from_array([0, 1, 2].map(middle));
+        let reach = |i: usize| at(i).distance(centre) + SIZES * libm::exp(f64::from(size(i)));
+        (!scene.is_empty()).then(|| Self { centre, radius: share_of(NEARLY_ALL, &reach) })
+    }
+}
+
+/// A circle that shows the whole of an object, if the scene is one; `found` shows its detail.
+pub(super) fn whole_object(
+    scene: &Scene,
+    found: &Placement,
+    constraints: &Constraints,
+) -> Option<Placement> {
+    let [detail, whole] = [Bulk::of(scene, Weigh::Detail)?, Bulk::whole(scene)?];
+    if whole.radius > WIDE * detail.radius {
+        return None;
+    }
+    let alike = ThinnedScene::of(scene, constraints.tangents, Weigh::Alike);
+    let framing = framing_distance(whole, constraints.tangents);
+    let ring = Ring { centre: whole.centre, radius: framing, ..found.ring };
+    let sides = alike.few(&ring);
+    let is_object =
+        *sides.last()? > FROM_ALL_SIDES * sides.first()? && alike.edges(&found.ring) < BEHIND;
+    if !is_object {
+        return None;
+    }
+    let ring = Ring { radius: constraints.radius.unwrap_or(framing), ..ring };
+    let best = ThinnedScene::of(scene, constraints.tangents, Weigh::Detail).arc(ring).best;
+    Some(Placement { ring, best, arc: None })
+}
