@@ -114,7 +114,12 @@ fn the_origin_of_a_model_is_the_place_of_a_node() {
     let mut glb = Vec::new();
     Format::named("glb").unwrap().write_to("a.glb", &mut glb, &model).unwrap();
     let (back, _) = read("a.glb", &glb).unwrap();
-    assert_eq!((back.origin, back.means), (origin, model.means));
+    assert_eq!((back.origin, back.means), (origin, model.means.clone()));
+    let mut with_spz = Vec::new();
+    gltf::write_spz("a.glb", &mut with_spz, &model, ShBits::default()).unwrap();
+    let (back, _) = read("a.glb", &with_spz).unwrap();
+    assert_eq!(back.origin, origin);
+    assert_within("spz", &model, &back, [2e-4, 3e-3, 0.04, 0.02, 0.012, 5e-3]);
 }
 
 #[test]

@@ -85,7 +85,8 @@ pub(crate) fn say_lost_origin(name: &str, format: &Format, origin: [f64; 3]) {
     let [x, y, z] = origin;
     if origin != [0.0; 3] && !format.says_origin {
         note(format_args!(
-            "warning: {name}: positions are relative to the origin ({x}, {y}, {z}), which .{} does not hold; keep it",
+            "warning: {name}: positions are relative to the origin ({x}, {y}, {z}), which .{} does not hold; write .ply or \
+             .glb to keep it in the file",
             format.extensions[0]
         ));
     }

@@ -41,8 +41,8 @@ pub(crate) struct LodArgs {
     /// Whom the folder is for.
     #[arg(long, value_name = "FORMAT", default_value = "playcanvas")]
     format: LodFormat,
-    /// With 3dtiles: where on the globe the origin of the scene is, in degrees and metres above the ellipsoid. One unit
-    /// is a metre, x points east, y down, z north.
+    /// With 3dtiles: where on the globe the origin of the scene is (gsvx info names it if it is not 0), in degrees and
+    /// metres above the ellipsoid. One unit is a metre, x points east, y down, z north.
     #[arg(long, value_name = "LON,LAT,HEIGHT", value_parser = site::parse, allow_hyphen_values = true)]
     at: Option<Site>,
     #[command(flatten)]
@@ -81,10 +81,9 @@ pub(crate) fn run(args: &LodArgs, report: Reporter) -> Result<()> {
         bail!("{name}: is lossless, so it has no octree to divide; encode without --lossless");
     }
     let [x, y, z] = index.header.origin;
-    if index.header.origin != [0.0; 3] && args.format == LodFormat::Tiles {
+    if args.at.is_some() && index.header.origin != [0.0; 3] {
         note(format_args!(
-            "note: {name}: positions are relative to the origin ({x}, {y}, {z}), which the tiles do not hold: --at says \
-             where that point is"
+            "note: {name}: --at is taken as the place of the scene's origin, ({x}, {y}, {z}), which positions are relative to"
         ));
     }
     let mut to = Folder { output: OutputFolder::open(&args.output, args.force)?, args };

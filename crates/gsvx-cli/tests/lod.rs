@@ -136,6 +136,37 @@ fn three_d_tiles_hold_the_scene_within_their_boxes() {
 }
 
 #[test]
+fn tiles_and_streams_stand_where_a_scene_far_from_the_origin_does() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
+    let (input, tiles, web) = (at("utm.gsvx"), at("tiles"), at("web"));
+    let (mut scene, _) = gs_model::ply::read(common::model()).unwrap();
+    scene.origin = [389_477.25, 5_435_291.5, 120.0];
+    let options = gsvx::EncodeOptions::from_quality(50.0).unwrap();
+    std::fs::write(&input, gsvx::encode(&scene, &options).unwrap().bytes).unwrap();
+    let words = ["lod", "@", "-o", "@", "--force", "--format", "3dtiles", "--at", "8,49,120"];
+    let root = |words: &[&str]| -> (Value, String) {
+        let (_, heard) = report(words, &[&input, &tiles]);
+        let list = std::fs::read(tiles.join("tileset.json")).unwrap();
+        let list: Value = serde_json::from_slice(&list).unwrap();
+        (list["root"].clone(), heard)
+    };
+    let (here, heard) = root(&words[..7]);
+    assert!(!heard.contains("origin"), "{heard}");
+    assert_eq!(here["transform"].as_array().unwrap()[12..], [389_477.25, 120.0, -5_435_291.5, 1.0]);
+    let content = tiles.join(here["children"][0]["content"]["uri"].as_str().unwrap());
+    assert_eq!(json(&["info", "@"], &[&content])["origin"], serde_json::json!([0.0, 0.0, 0.0]));
+    let (there, heard) = root(&words);
+    assert_ne!(there["transform"], here["transform"]);
+    assert!(heard.contains("place of the scene's origin, (389477.25, 5435291.5, 120)"), "{heard}");
+    ok(&["lod", "@", "-o", "@"], &[&input, &web]);
+    let list: Value =
+        serde_json::from_slice(&std::fs::read(web.join("lod-meta.json")).unwrap()).unwrap();
+    let file = web.join(list["filenames"][0].as_str().unwrap());
+    assert_eq!(gsvx::decode(&std::fs::read(file).unwrap()).unwrap().origin, scene.origin);
+}
+
+#[test]
 fn streams_without_an_octree_or_coarse_levels_say_so() {
     let dir = tempfile::tempdir().unwrap();
     let (input, web) = (dir.path().join("room.gsvx"), dir.path().join("web"));

@@ -38,6 +38,11 @@ impl Signs {
         std::array::from_fn(|k| self.axes[k] * mean[k])
     }
 
+    /// A place in double precision, as an origin is.
+    pub(crate) fn place(&self, place: [f64; 3]) -> [f64; 3] {
+        std::array::from_fn(|k| f64::from(self.axes[k]) * place[k])
+    }
+
     /// A quaternion `[w, x, y, z]`. A mirror turns the sense of a rotation. The axes of its Gaussian keep their
     /// names: each of them changes its sign at most, and a Gaussian is symmetric.
     pub(crate) fn rotation(&self, [w, x, y, z]: [f32; 4]) -> [f32; 4] {
@@ -54,7 +59,7 @@ impl Signs {
     pub(crate) fn scene(&self, scene: &mut Scene) {
         let per_gaussian = scene.sh_len();
         scene.means.iter_mut().for_each(|m| *m = self.mean(*m));
-        scene.origin = std::array::from_fn(|k| f64::from(self.axes[k]) * scene.origin[k]);
+        scene.origin = self.place(scene.origin);
         scene.rotations.iter_mut().for_each(|q| *q = self.rotation(*q));
         for (i, rgb) in scene.sh.iter_mut().enumerate() {
             *rgb = rgb.map(|v| self.sh(i % per_gaussian, v));

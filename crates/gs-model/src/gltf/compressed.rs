@@ -52,21 +52,22 @@ impl Compressed<'_> {
         for k in 0..sh_len(self.sh_degree) {
             document.attribute(sh_attribute(k), F32, "VEC3", None);
         }
-        finish(file, &mut out, document, self.extension, self.data)
+        finish(file, &mut out, document, (self.extension, self.data), [0.0; 3])
     }
 }
 
-/// Writes a file whose only data are those that an extension decodes to the attributes of `document`.
+/// Writes a file whose only data are those that an extension decodes to the attributes of `document`. Its node has the
+/// translation `shift`.
 pub(super) fn finish(
     file: &Path,
     out: &mut dyn Write,
     mut document: Document,
-    extension: &str,
-    data: &[u8],
+    (extension, data): (&str, &[u8]),
+    shift: [f64; 3],
 ) -> Result<()> {
     let view = document.view(data.len() as u64, None);
     let length = document.length();
-    let json = document.json(Some((extension, json!({ "bufferView": view }))), [0.0; 3]);
+    let json = document.json(Some((extension, json!({ "bufferView": view }))), shift);
     let head = container::head(&json, length).ok_or_else(|| {
         Error::unwritable(file, "it takes more than 4 GiB, which glTF cannot hold")
     })?;

@@ -17,7 +17,7 @@ pub(super) const EXTENSION: &str = "KHR_gaussian_splatting_compression_spz_2";
 /// Writes a `.glb` file with `KHR_gaussian_splatting_compression_spz_2`, as CesiumJS 1.140 reads it in 3D Tiles.
 ///
 /// CesiumJS takes the numbers of the SPZ as they are for those of glTF. So the axes of this file are those of SPZ,
-/// `(x, -y, -z)` of a PLY file: y is up.
+/// `(x, -y, -z)` of a PLY file: y is up. Where the origin of the model lies is the translation of the node.
 ///
 /// # Errors
 /// As [`crate::spz::pack`]; [`crate::Error::Unwritable`] for an empty scene, [`crate::Error::Io`].
@@ -41,5 +41,5 @@ pub fn write_spz(
     for k in 1..sh_len(scene.sh_degree) {
         document.attribute(sh_attribute(k), F32, "VEC3", None);
     }
-    finish(file, &mut out, document, EXTENSION, &data)
+    finish(file, &mut out, document, (EXTENSION, &data), ABOUT_X.place(scene.origin))
 }

@@ -124,7 +124,6 @@ fn head(file: &Path, scene: &Scene) -> Result<Vec<u8>> {
     }
     let length = document.length();
     let large = "it takes more than 4 GiB, which glTF cannot hold; lower its SH degree";
-    let shift = std::array::from_fn(|k| f64::from(ABOUT_Z.axes[k]) * scene.origin[k]);
-    container::head(&document.json(None, shift), length)
+    container::head(&document.json(None, ABOUT_Z.place(scene.origin)), length)
         .ok_or_else(|| Error::unwritable(file, large))
 }

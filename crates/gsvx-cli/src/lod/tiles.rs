@@ -4,7 +4,8 @@
 //! are glTF with SPZ. Gaussians that are coded exactly are a node without coarser ones; those that lie farther away than
 //! SPZ holds are left out.
 //!
-//! 3D Tiles have z up: `(x, z, -y)` of a stream, whose y points down.
+//! 3D Tiles have z up: `(x, z, -y)` of a stream, whose y points down. The transform of the tree has the origin of the scene, or
+//! leads to its place on the globe.
 
 use super::Folder;
 use super::site::Site;
@@ -56,7 +57,8 @@ pub(super) fn write(
             "left out: {these} farther than {MAX_COORDINATE} units away, which SPZ does not hold"
         ));
     }
-    let list = tileset(&roots, site).to_string();
+    let transform = transform(site, index.header.origin);
+    let list = tileset(&roots, transform).to_string();
     to.write(LIST, list.as_bytes())?;
     Ok(bytes)
 }
@@ -88,6 +90,8 @@ impl Tree<'_, '_> {
         if scene.is_empty() {
             return Ok(None);
         }
+        // The tree has it.
+        scene.origin = [0.0; 3];
         let uri = format!("{}.glb", super::chunk_name(self.index, chunk));
         self.bytes += content(self.to, &uri, &scene)?;
         self.progress.inc();
@@ -130,8 +134,19 @@ fn widen(all: &mut [[f64; 3]; 2], [low, high]: [[f64; 3]; 2]) {
     }
 }
 
+/// The matrix, column after column, from the tree to where it stands; `None` if that is where it is.
+fn transform(site: Option<Site>, origin: [f64; 3]) -> Option<[f64; 16]> {
+    if let Some(site) = site {
+        return Some(site.to_earth());
+    }
+    let [x, y, z] = origin;
+    let columns =
+        [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [x, z, -y, 1.0]];
+    (origin != [0.0; 3]).then(|| columns.as_flattened().try_into().unwrap_or_default())
+}
+
 /// `tileset.json`.
-fn tileset(roots: &[Node], site: Option<Site>) -> Value {
+fn tileset(roots: &[Node], transform: Option<[f64; 16]>) -> Value {
     let mut all = roots.first().map_or([[0.0; 3]; 2], |node| node.bounds);
     roots.iter().for_each(|node| widen(&mut all, node.bounds));
     // Without the scene everything is missing.
@@ -142,8 +157,8 @@ fn tileset(roots: &[Node], site: Option<Site>) -> Value {
         "refine": "REPLACE",
         "children": roots.iter().map(entry).collect::<Vec<_>>(),
     });
-    if let Some(site) = site {
-        root["transform"] = json!(site.to_earth());
+    if let Some(transform) = transform {
+        root["transform"] = json!(transform);
     }
     let extensions = ["KHR_gaussian_splatting", "KHR_gaussian_splatting_compression_spz_2"];
     json!({
