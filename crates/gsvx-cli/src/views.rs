@@ -214,11 +214,6 @@ pub(crate) fn training(path: &Path, scene_origin: [f64; 3]) -> Result<Read> {
     Ok(Read { views, origin })
 }
 
-/// The training cameras of a scene folder or of a camera file: pinhole cameras that show what the photos show.
-pub(crate) fn cameras(path: &Path) -> Result<Placed> {
-    as_pinholes(path, training(path, [0.0; 3])?)
-}
-
 /// Pinhole cameras that show what the photos of the views show.
 pub(crate) fn as_pinholes(path: &Path, read: Read) -> Result<Placed> {
     let Read { views, mut origin } = read;

@@ -154,8 +154,16 @@ fn photos_that_show_something_else_keep_their_cameras_from_deciding() {
     let (made, said) = report(&words, &[&model(), &stream, dir.path()]);
     assert!(said.contains("the photos do not show this model"), "{said}");
     assert_eq!(made["cameras_doubted"], true);
-    let drop = [&words[..], &["--drop-unseen", "--force"]].concat();
-    one_line(&run(&drop, &[&model(), &stream, dir.path()]), "--drop-unseen");
+    // Tile by tile too, and before the cameras decide what is kept.
+    let unseeing = std::fs::read(&stream).unwrap();
+    let by_tiles = [&words[..], &["--force", "--memory", "1G"]].concat();
+    let (_, said) = report(&by_tiles, &[&model(), &stream, dir.path()]);
+    assert!(said.contains("the photos do not show this model"), "{said}");
+    assert!(std::fs::read(&stream).unwrap() == unseeing);
+    for way in [&[][..], &["--memory", "1G"]] {
+        let drop = [&words[..], &["--drop-unseen", "--force"], way].concat();
+        common::failed(&run(&drop, &[&model(), &stream, dir.path()]), "--drop-unseen");
+    }
 }
 
 #[test]

@@ -10,6 +10,7 @@ mod planning;
 mod rows;
 mod scratch;
 mod sight;
+mod thinned;
 
 use crate::content::SceneArgs;
 use crate::exit::{note, usage};

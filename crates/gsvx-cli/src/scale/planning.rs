@@ -5,6 +5,7 @@ use super::plan_file::PlanFile;
 use super::rows::TileRows;
 use super::scratch::Scratch;
 use super::sight::Sight;
+use super::thinned::Thinned;
 use crate::content::SceneArgs;
 use crate::input::name;
 use crate::progress::Meter;
@@ -20,7 +21,8 @@ const MEANS: &str = "means";
 /// Means that are in memory at a time.
 const PIECE: usize = 1 << 16;
 
-/// Reads all inputs, and cuts their scene into tiles. The plan lacks what the sample says.
+/// Reads all inputs, and cuts their scene into tiles. The plan lacks what the sample says. It has no cameras if their photos
+/// show something else.
 pub(crate) fn survey(
     args: &SceneArgs,
     choices: Choices,
@@ -33,6 +35,7 @@ pub(crate) fn survey(
     let mut means = BufWriter::with_capacity(1 << 20, scratch.begin(MEANS)?);
     let bar = progress("survey", inputs.iter());
     let mut first: Option<Scene> = None;
+    let mut few = Thinned::default();
     for input in &mut inputs {
         let path = input.path.clone();
         // What lossy coding cannot hold is refused by its number in the file.
@@ -47,6 +50,7 @@ pub(crate) fn survey(
             }
             scene.move_origin(first.origin);
             survey.add(&scene);
+            sight.iter().for_each(|_| few.add(&scene));
             let coordinates = scene.means.as_flattened().iter();
             let bytes: Vec<u8> = coordinates.flat_map(|x| x.to_le_bytes()).collect();
             means.write_all(&bytes).map_err(|e| scratch.full(e))
@@ -55,7 +59,7 @@ pub(crate) fn survey(
     drop(bar);
     let mut means = means.into_inner().map_err(|e| scratch.full(e.into_error()))?;
     let _bar = Meter::spinner("counting".into());
-    let plan = Plan::new::<Error>(&survey, choices, |take| {
+    let mut plan = Plan::new::<Error>(&survey, choices, |take| {
         means.rewind().map_err(|e| scratch.full(e))?;
         let mut left = survey.count();
         while left > 0 {
@@ -74,7 +78,13 @@ pub(crate) fn survey(
         input.tiles = (0..).zip(found).filter(|(_, f)| *f).map(|(t, _)| t).collect();
     }
     scratch.forget(&format!("{MEANS}.part"));
-    let (reading, cameras) = (args.reading.clone(), sight.map(Sight::file));
+    let differ = |sight: &Sight| sight.photos_differ(few, choices);
+    let doubted = sight.map(differ).transpose()?.unwrap_or(false);
+    if doubted {
+        plan.forget_cameras();
+    }
+    let (reading, sight) = (args.reading.clone(), sight.filter(|_| !doubted));
+    let cameras = sight.map(Sight::file);
     Ok(PlanFile { gsvx: super::VERSION.into(), reading, inputs, cameras, plan })
 }
 
@@ -101,6 +111,7 @@ fn read_means(from: &mut File, left: &mut u64) -> std::io::Result<Vec<[f32; 3]>>
 /// Finishes a plan by the tiles of its sample, of which `rows` has the Gaussians. Cameras that may not be the model's
 /// own decide nothing, with a warning.
 pub(crate) fn measure(file: &mut PlanFile, rows: &TileRows, sight: Option<&Sight>) -> Result<()> {
+    let sight = sight.filter(|_| file.cameras.is_some());
     let Some(best) = measure_by(&mut file.plan, rows, sight)? else { return Ok(()) };
     let doubted = match sight {
         Some(sight) => sight.is_doubted(&rows.tile(best)?, file.plan.choices())?,

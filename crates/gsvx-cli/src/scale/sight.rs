@@ -1,11 +1,13 @@
 //! What cameras see of a scene, tile by tile: of each tile from the cameras that can see it, with nothing else in front.
 
 use super::inputs::changed;
+use super::thinned::Thinned;
 use crate::exit::note;
-use crate::views::{self, Origin, Placed};
+use crate::photos;
+use crate::views::{self, Origin, Placed, Read};
 use anyhow::Result;
 use finetune::Visibility;
-use gs_model::{Camera, Scene};
+use gs_model::{Camera, Scene, View};
 use gsvx::{Choices, Seen};
 use serde::{Deserialize, Serialize};
 use std::convert::Infallible;
@@ -22,6 +24,9 @@ pub(crate) struct CameraFile {
 /// Cameras that were read.
 pub(crate) struct Sight {
     path: PathBuf,
+    /// With the places of photos.
+    views: Vec<View>,
+    /// Pinhole cameras that show what the photos show.
     cameras: Vec<Camera>,
     pub(super) origin: Option<Origin>,
 }
@@ -29,8 +34,10 @@ pub(crate) struct Sight {
 impl Sight {
     /// Reads the cameras of a scene folder or of a camera file.
     pub(crate) fn read(path: &Path) -> Result<Self> {
-        let Placed { cameras, origin } = views::cameras(path)?;
-        Ok(Self { path: path.into(), cameras, origin })
+        let Read { views, origin } = views::training(path, [0.0; 3])?;
+        let read = Read { views: views.clone(), origin };
+        let Placed { cameras, origin } = views::as_pinholes(path, read)?;
+        Ok(Self { path: path.into(), views, cameras, origin })
     }
 
     /// What stands in the plan.
@@ -43,6 +50,20 @@ impl Sight {
     pub(crate) fn of(&self, tile: &Scene) -> Visibility {
         let Ok(seen) = Visibility::of(tile, &self.about(tile), |_| Ok::<_, Infallible>(()));
         seen
+    }
+
+    /// Whether photos beside the cameras show something else than the model. Warns if so.
+    ///
+    /// # Errors
+    /// If what the cameras do not see would be lost.
+    pub(super) fn photos_differ(&self, model: Thinned, choices: Choices) -> Result<bool> {
+        let model = model.scene();
+        let moved = |view: &View| View {
+            camera: view.camera.clone().relative_to(model.origin),
+            ..view.clone()
+        };
+        let views: Vec<View> = self.views.iter().map(moved).collect();
+        photos::doubt_cameras(&model, &self.path, &views, choices.seen == Seen::ByCamerasOnly)
     }
 
     /// Whether a stream of this tile by their importances shows that they may not be the model's own. Warns if so.
