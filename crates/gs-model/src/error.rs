@@ -64,8 +64,9 @@ pub enum Error {
     },
     /// Gaussians with a value that is not finite, or whose quaternion has no direction.
     #[error(
-        "{}: Gaussian {index}: {field} is {value} ({count} invalid {} in all)",
+        "{}: Gaussian {index}: {field} is {} ({count} invalid {} in all)",
         file.display(),
+        of_invalid(*field, *value),
         if *count == 1 { "Gaussian" } else { "Gaussians" }
     )]
     InvalidGaussian {
@@ -123,6 +124,14 @@ pub enum Error {
         /// What it lacks, or which models it has.
         reason: String,
     },
+}
+
+/// What is wrong with a value.
+fn of_invalid(field: Field, value: f32) -> String {
+    match field {
+        Field::Rotation if value.is_finite() => "of no length, which is no direction".into(),
+        _ => value.to_string(),
+    }
 }
 
 impl Error {

@@ -1,11 +1,13 @@
-//! Values at the limits of their range: an opacity of 0 or 1, a scale of 0.
+//! Values at the limits of their range: an opacity of 0 or 1, a scale of 0, a quaternion of extreme length.
 //!
-//! Their logits and logarithms are infinite, and writers leave them so. Such Gaussians are valid. Here they get
-//! finite numbers that look the same.
+//! Their logits and logarithms are infinite, as are squares of the quaternion, and writers leave them so. Such Gaussians
+//! are valid. Here they get numbers that look the same.
 
 use rayon::prelude::*;
 
+use crate::math::unit_quaternion;
 use crate::scene::Scene;
+use crate::validate::has_direction;
 
 /// The logit that stands for an opacity of 1, and its negative for one of 0.
 ///
@@ -33,6 +35,8 @@ pub struct Limits {
     pub flat: usize,
     /// With three scales of 0.
     pub points: usize,
+    /// With a quaternion so long or short that floats do not hold its square.
+    pub scaled: usize,
 }
 
 impl Limits {
@@ -44,6 +48,7 @@ impl Limits {
             transparent: self.transparent + other.transparent,
             flat: self.flat + other.flat,
             points: self.points + other.points,
+            scaled: self.scaled + other.scaled,
         }
     }
 
@@ -73,14 +78,21 @@ impl Limits {
                 "Gaussians have three scales of 0",
                 "the smallest size",
             ),
+            say(
+                self.scaled,
+                "rotation is a quaternion of extreme length",
+                "rotations are quaternions of extreme length",
+                "those of length 1",
+            ),
         ];
         all.into_iter().flatten().collect()
     }
 }
 
 impl Scene {
-    /// Replaces infinite opacity logits by plus or minus [`CLAMPED_OPACITY_LOGIT`], and the log-scales of axes
-    /// without extent by that of a thin disc. Returns how many there were. An infinite scale stays: it is invalid.
+    /// Replaces infinite opacity logits by plus or minus [`CLAMPED_OPACITY_LOGIT`], the log-scales of axes without extent
+    /// by that of a thin disc, and quaternions of extreme length by those of length 1. Returns how many there were. An
+    /// infinite scale and a rotation of zeros stay: they are invalid.
     pub fn clamp_limits(&mut self) -> Limits {
         let logits = self.opacity_logits.par_iter_mut().with_min_len(1 << 14);
         let opacities = logits.filter(|l| l.is_infinite()).map(|logit| {
@@ -90,7 +102,10 @@ impl Scene {
         });
         let opacities = opacities.reduce(Limits::default, Limits::plus);
         let scales = self.log_scales.par_iter_mut().with_min_len(1 << 14);
-        scales.map(thicken).reduce(Limits::default, Limits::plus).plus(opacities)
+        let scales = scales.map(thicken).reduce(Limits::default, Limits::plus);
+        let rotations = self.rotations.par_iter_mut().with_min_len(1 << 14);
+        let scaled = rotations.map(|q| usize::from(shorten(q))).sum();
+        scales.plus(opacities).plus(Limits { scaled, ..Limits::default() })
     }
 }
 
@@ -99,6 +114,15 @@ impl Scene {
 #[must_use]
 pub fn is_point(log_scales: [f32; 3]) -> bool {
     log_scales.iter().all(|&s| s <= POINT)
+}
+
+/// Gives a quaternion of extreme length the length 1, and says whether it was one.
+fn shorten(q: &mut [f32; 4]) -> bool {
+    let extreme = !has_direction(q) && q.iter().all(|v| v.is_finite()) && *q != [0.0; 4];
+    if extreme {
+        *q = unit_quaternion(q.map(f64::from)).map(|v| v as f32);
+    }
+    extreme
 }
 
 /// Gives the axes of a Gaussian that have no extent a little of it.

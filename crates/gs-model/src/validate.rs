@@ -14,10 +14,15 @@ use crate::scene::{Field, Scene, sh_len};
 /// No trained model has a log-scale or an SH coefficient of a greater magnitude, by far.
 pub const LARGEST: f32 = 18_900.0;
 
+/// Whether normalising a quaternion in `f32` gives a rotation.
+pub(crate) fn has_direction(q: &[f32; 4]) -> bool {
+    (q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]).is_normal()
+}
+
 /// The invalid Gaussians of a scene.
 ///
 /// A Gaussian is invalid if any of its numbers is NaN or infinite (readers give infinite opacities and scales of 0
-/// finite numbers first: [`Scene::clamp_limits`]), or if its quaternion has no
+/// finite numbers first, and quaternions of extreme length another one: [`Scene::clamp_limits`]), or if its quaternion has no
 /// direction: `w² + x² + y² + z²` in `f32`, summed in this order, is zero, subnormal or
 /// infinite, so that normalising it in `f32` cannot give a rotation.
 #[derive(Clone, Copy, Debug)]
@@ -132,10 +137,7 @@ impl Scene {
             Field::Mean => not_finite(&self.means[index]),
             Field::Rotation => {
                 let q = self.rotations[index];
-                not_finite(&q).or_else(|| {
-                    let norm2 = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3];
-                    (!norm2.is_normal()).then_some(q[0])
-                })
+                not_finite(&q).or_else(|| (!has_direction(&q)).then_some(q[0]))
             }
             Field::LogScale => not_finite(&self.log_scales[index]),
             Field::OpacityLogit => not_finite(&[self.opacity_logits[index]]),
