@@ -10,12 +10,14 @@ use gsvx::{EncodeOptions, Leaves, Prepared, importance};
 use voxel::Voxelization;
 
 use super::gaussians::{of_degree, rows};
-use super::levels;
+use super::{levels, paper_codec};
 use crate::attributes::{colour_planes, log_alpha};
 
-/// Settings of voxelization and encoder.
-pub(crate) const MODES: [&str; 10] = [
+/// Settings of voxelization and encoder, and the paper's codec.
+pub(crate) const MODES: [&str; 17] = [
     "default",
+    "quality 5",
+    "quality 100",
     "chunks of 64",
     "lod",
     "lod, chunks of 64",
@@ -25,6 +27,11 @@ pub(crate) const MODES: [&str; 10] = [
     "paper 6 to 12",
     "--lossless",
     "--lossless, in order",
+    "paper's codec, QP 4",
+    "paper's codec, QP 28",
+    "paper's codec, QP 51",
+    "paper's codec, QP 28, lossless covariances",
+    "W2 barycenters",
 ];
 
 /// Leaves of small chunks.
@@ -40,8 +47,11 @@ pub(crate) enum ChainOutcome {
 }
 
 /// What the encoder is asked for in a mode.
-fn options_of(mode: &str) -> EncodeOptions {
-    let mut options = EncodeOptions::default();
+fn options_of(mode: &str) -> gsvx::Result<EncodeOptions> {
+    let mut options = match mode.strip_prefix("quality ").and_then(|q| q.parse().ok()) {
+        Some(quality) => EncodeOptions::from_quality(quality)?,
+        None => EncodeOptions::default(),
+    };
     options.lod = mode.starts_with("lod");
     if mode.ends_with("chunks of 64") {
         options.chunk_leaves = SMALL;
@@ -56,7 +66,7 @@ fn options_of(mode: &str) -> EncodeOptions {
     if mode == "SH degree 0" {
         options.max_sh_degree = 0;
     }
-    options
+    Ok(options)
 }
 
 /// What a stream was made from, and the stream.
@@ -78,25 +88,38 @@ pub(crate) fn run(scene: &Scene, mode: &str) -> Result<ChainOutcome> {
     if mode.starts_with("--lossless") {
         return lossless(scene, mode.ends_with("in order"));
     }
-    match coded(scene, mode) {
+    let scene = match through_a_file(scene) {
+        Ok(scene) => scene,
+        Err(refused) => return Ok(ChainOutcome::Refused(refused)),
+    };
+    match mode {
+        "W2 barycenters" => return paper_codec::barycenters(&scene),
+        _ if mode.starts_with("paper's codec") => return paper_codec::run(&scene, mode),
+        _ => {}
+    }
+    match coded(&scene, mode) {
         Ok(coded) => checked(&coded),
         Err(refused) => Ok(ChainOutcome::Refused(refused)),
     }
 }
 
-/// The scene through reader, voxelization and encoder; or which part refused, and its message.
-fn coded(scene: &Scene, mode: &str) -> Result<Coded, String> {
-    fn by<E: std::fmt::Display>(part: &'static str) -> impl Fn(E) -> String {
-        move |error| format!("{part}: {error}")
-    }
-    // Through a file, as the command does: the reader decides what is valid.
+/// Names the part that refused a scene.
+pub(super) fn by<E: std::fmt::Display>(part: &'static str) -> impl Fn(E) -> String {
+    move |error| format!("{part}: {error}")
+}
+
+/// The scene as the command reads it: the reader decides what is valid.
+fn through_a_file(scene: &Scene) -> Result<Scene, String> {
     let mut file = Vec::new();
     ply::write_to(&mut file, scene).map_err(by("write"))?;
-    let (scene, _) = ply::read_bytes(&file).map_err(by("read"))?;
-    drop(file);
-    let options = options_of(mode);
-    let mut prepared = gsvx::prepare(&scene, &options).map_err(by("voxelize"))?;
-    let encoded = gsvx::encode(&scene, &options).map_err(by("encode"))?;
+    Ok(ply::read_bytes(&file).map_err(by("read"))?.0)
+}
+
+/// The scene through voxelization and encoder; or which part refused, and its message.
+fn coded(scene: &Scene, mode: &str) -> Result<Coded, String> {
+    let options = options_of(mode).map_err(by("options"))?;
+    let mut prepared = gsvx::prepare(scene, &options).map_err(by("voxelize"))?;
+    let encoded = gsvx::encode(scene, &options).map_err(by("encode"))?;
     let outliers = prepared.outliers.take().unwrap_or_default();
     // Outliers follow the leaves.
     let leaves = prepared.scene.len() as u32;

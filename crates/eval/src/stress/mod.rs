@@ -6,6 +6,7 @@ mod gaussians;
 mod inputs;
 mod levels;
 mod page;
+mod paper_codec;
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;

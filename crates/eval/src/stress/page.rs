@@ -34,7 +34,7 @@ pub(super) fn page(args: &StressOptions, runs: &[Run], elapsed: Duration) -> Pag
     let mut page = Page::new(&args.out, "How exact?");
     page.text(format!(
         "`cargo xtask stress` takes pathological scenes of {} Gaussians (where the input does not fix the number) \
-         from PLY to PLY, at the default quality, in {} modes. {} runs were accepted, {refused} refused with an error, \
+         from PLY to PLY, in {} modes: gsvx at the default quality unless a mode names another, the paper's codec, and W2 barycenters. {} runs were accepted, {refused} refused with an error, \
          none failed, in {:.0} s.",
         args.size,
         super::MODES.len(),
