@@ -135,8 +135,8 @@ pub fn encode(values: &[i32]) -> Vec<u8> {
 pub fn decode(bytes: &[u8], count: usize) -> Result<Vec<i32>> {
     let mut r = BitReader::new(bytes);
     let mut s = State::new();
-    // A full run is one bit and stands for 2^10 values at most.
-    let mut values = Vec::with_capacity(count.min((bytes.len() + 1) << 13));
+    // What is claimed takes no memory before it is there.
+    let mut values = Vec::with_capacity(count.min(8 * (bytes.len() + 1)));
     while values.len() < count {
         if r.overrun() {
             return Err(Error::Truncated { offset: bytes.len(), what: "RLGR stream" });

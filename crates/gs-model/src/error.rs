@@ -81,6 +81,14 @@ pub enum Error {
         /// Invalid Gaussians in all.
         count: usize,
     },
+    /// The system has no memory for the Gaussians of a file.
+    #[error("{}: no memory for its {gaussians} Gaussians", file.display())]
+    Memory {
+        /// The file.
+        file: PathBuf,
+        /// How many there are.
+        gaussians: usize,
+    },
     /// The arrays of a [`crate::Scene`] do not have the lengths they must have.
     #[error("scene: {field} has {len} entries, expected {expected}")]
     SceneShape {

@@ -5,10 +5,11 @@
 //! coefficient-major (`3 * sh_len`).
 
 use std::ops::Range;
+use std::path::Path;
 
 use rayon::prelude::*;
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::scene::{Scene, sh_len};
 
 /// First SH number of a row in scene order.
@@ -56,13 +57,15 @@ impl SceneRows<'_> {
 /// A scene of `n` Gaussians, filled by `fill` in parallel over disjoint runs of rows.
 ///
 /// The caller has checked that the input is long enough to hold `n` rows, which bounds the
-/// allocation. Of several errors, the one of the first rows is returned.
+/// allocation. Of several errors, the one of the first rows is returned. `file` is for the message where there is no
+/// memory.
 pub(crate) fn scene(
+    file: &Path,
     n: usize,
     sh_degree: u8,
     fill: impl Fn(SceneRows) -> Result<()> + Sync,
 ) -> Result<Scene> {
-    let mut scene = Scene::zeros(n, sh_degree);
+    let mut scene = zeros(file, n, sh_degree)?;
     fill_range(&mut scene, 0..n, fill)?;
     Ok(scene)
 }
@@ -71,19 +74,21 @@ pub(crate) fn scene(
 /// in scene order.
 #[cfg(feature = "formats")]
 pub(crate) fn scene_of<R: Fn(usize) -> f32>(
+    file: &Path,
     n: usize,
     sh_degree: u8,
     row: impl Fn(usize) -> R + Sync,
-) -> Scene {
-    let mut scene = Scene::zeros(n, sh_degree);
-    let filled = fill_range(&mut scene, 0..n, |mut rows| {
+) -> Result<Scene> {
+    scene(file, n, sh_degree, |mut rows| {
         for i in 0..rows.len() {
             rows.set(i, row(rows.first + i));
         }
         Ok(())
-    });
-    debug_assert!(filled.is_ok());
-    scene
+    })
+}
+
+fn zeros(file: &Path, n: usize, sh_degree: u8) -> Result<Scene> {
+    Scene::try_zeros(n, sh_degree).map_err(|_| Error::Memory { file: file.into(), gaussians: n })
 }
 
 /// As [`scene`], for a range of the rows of an existing scene.
@@ -106,4 +111,18 @@ pub(crate) fn fill_range(
         })
         .collect();
     outcomes.into_iter().collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_that_no_memory_holds_are_an_error_that_counts_them() {
+        // On 32 bits no claim is larger.
+        const CLAIM: usize = if usize::BITS > 32 { usize::MAX >> 24 } else { usize::MAX };
+        let fill = |_: SceneRows<'_>| unreachable!("there are no rows");
+        let error = scene(Path::new("a.ply"), CLAIM, 3, fill).unwrap_err();
+        assert_eq!(error.to_string(), format!("a.ply: no memory for its {CLAIM} Gaussians"));
+    }
 }

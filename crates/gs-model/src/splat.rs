@@ -64,7 +64,7 @@ fn read(file: &Path, bytes: &[u8]) -> Result<(Scene, Report)> {
         let missing = format!("the rows of a .splat are {ROW} bytes each, the last is not whole");
         return Err(Error::truncated(file, bytes.len(), missing));
     }
-    let scene = rows::scene_of(bytes.len() / ROW, 0, |i| {
+    let scene = rows::scene_of(file, bytes.len() / ROW, 0, |i| {
         let row = &bytes[ROW * i..ROW * (i + 1)];
         move |c| match c {
             0..3 => float(row, 4 * c),
@@ -73,7 +73,7 @@ fn read(file: &Path, bytes: &[u8]) -> Result<(Scene, Report)> {
             10 => opacity_logit(row[27]),
             _ => (f32::from(row[24 + c - SH]) / 255.0 - 0.5) / SH_C0,
         }
-    });
+    })?;
     Ok((scene, Report::of(FORMAT.name, ".splat")))
 }
 

@@ -61,6 +61,9 @@ fn remedy(cause: &(dyn std::error::Error + 'static)) -> Option<String> {
     if let Some(error) = cause.downcast_ref::<Model>() {
         return match error {
             Model::InvalidGaussian { .. } => Some("pass --drop-invalid to leave them out".into()),
+            Model::Memory { .. } => {
+                Some("gsvx encode --memory takes a PLY piece by piece, in less of it".into())
+            }
             Model::OtherFormat { file, .. } if file == Path::new(STDIN) => Some(
                 "for a .splat or .ksplat from a pipe pass --from splat or --from ksplat".into(),
             ),

@@ -214,7 +214,7 @@ impl Part<'_> {
     fn scene(&self, options: &ReadOptions) -> Result<(Scene, Vec<String>), String> {
         match &self.data {
             Data::Coded(coded) => coded.scene(options),
-            Data::Plain(attributes) => Ok((attributes.scene(), Vec::new())),
+            Data::Plain(attributes) => Ok((attributes.scene()?, Vec::new())),
         }
     }
 }
@@ -283,22 +283,24 @@ impl<'a> Attributes<'a> {
         (self.sh.len().isqrt() - 1) as u8
     }
 
-    fn scene(&self) -> Scene {
-        rows::scene_of(self.means.count, self.sh_degree(), |i| {
-            let mean = ABOUT_Z.mean([0, 1, 2].map(|k| self.means.number(i, k)));
-            // w is last in the file, first in a scene.
-            let rotation = ABOUT_Z.rotation([3, 0, 1, 2].map(|k| self.rotations.number(i, k)));
-            move |c| match c {
-                0..3 => mean[c],
-                3..7 => rotation[c - 3],
-                7..10 => libm::log(f64::from(self.scales.number(i, c - 7))) as f32,
-                10 => logit(self.opacities.number(i, 0), self.opacities.half_step()),
-                _ => {
-                    let (k, channel) = ((c - SH) / 3, (c - SH) % 3);
-                    ABOUT_Z.sh(k, self.sh[k].number(i, channel))
+    fn scene(&self) -> Result<Scene, String> {
+        let scene =
+            rows::scene_of(Path::new("its accessors"), self.means.count, self.sh_degree(), |i| {
+                let mean = ABOUT_Z.mean([0, 1, 2].map(|k| self.means.number(i, k)));
+                // w is last in the file, first in a scene.
+                let rotation = ABOUT_Z.rotation([3, 0, 1, 2].map(|k| self.rotations.number(i, k)));
+                move |c| match c {
+                    0..3 => mean[c],
+                    3..7 => rotation[c - 3],
+                    7..10 => libm::log(f64::from(self.scales.number(i, c - 7))) as f32,
+                    10 => logit(self.opacities.number(i, 0), self.opacities.half_step()),
+                    _ => {
+                        let (k, channel) = ((c - SH) / 3, (c - SH) % 3);
+                        ABOUT_Z.sh(k, self.sh[k].number(i, channel))
+                    }
                 }
-            }
-        })
+            });
+        scene.map_err(|e| crate::chain(&e))
     }
 }
 

@@ -50,7 +50,7 @@ fn read(file: &Path, bytes: &[u8]) -> Result<(Scene, Report)> {
     let sh_degree = sections.iter().map(|s| s.sh_degree).max().unwrap_or(0);
     let mut scene = Scene { sh_degree, ..Scene::default() };
     for section in &sections {
-        scene.append(&section.scene());
+        scene.append(&section.scene(file)?);
     }
     Ok((scene, Report::of(FORMAT.name, ".ksplat")))
 }

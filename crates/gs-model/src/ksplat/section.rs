@@ -1,7 +1,10 @@
 //! One section: where its rows are, and how a Gaussian is decoded from its row.
 
+use std::path::Path;
+
 use super::KsplatHeader;
 use crate::bytes::{float, half_word, word};
+use crate::error::Result;
 use crate::rows::{self, SH};
 use crate::scene::{SH_C0, Scene, sh_len};
 use crate::splat::opacity_logit;
@@ -95,9 +98,9 @@ impl<'a> KsplatSection<'a> {
     }
 
     /// The Gaussians, all of whose rows are in the file.
-    pub(super) fn scene(&self) -> Scene {
+    pub(super) fn scene(&self, file: &Path) -> Result<Scene> {
         let colours = 10 * number_bytes(self.level);
-        rows::scene_of(self.rows, self.sh_degree, |i| {
+        rows::scene_of(file, self.rows, self.sh_degree, |i| {
             let row = &self.data[i * self.row_bytes..(i + 1) * self.row_bytes];
             let centre = if self.level == 0 { None } else { self.buckets.of(i) };
             let centre = centre.unwrap_or_default();

@@ -52,7 +52,7 @@ impl<'a> Lines<'a> {
         }
         columns.choose_origin(vertex, sample.len(), |row, p| sample[row][p]);
         let columns = &*columns;
-        rows::scene(n, columns.sh_degree, |mut rows| {
+        rows::scene(file, n, columns.sh_degree, |mut rows| {
             let mut numbers = Vec::with_capacity(vertex.properties.len());
             for i in 0..rows.len() {
                 let (line, text) = lines[rows.first + i];

@@ -49,7 +49,7 @@ impl BinaryBody<'_> {
         let body = &self.bytes[at..at + n * stride];
         layout.choose_origin(vertex, columns, body);
         let columns = &*columns;
-        let scene = rows::scene(n, columns.sh_degree, |rows| {
+        let scene = rows::scene(self.file, n, columns.sh_degree, |rows| {
             let part = &body[rows.first * stride..(rows.first + rows.len()) * stride];
             layout.fill(rows, part, columns);
             Ok(())

@@ -37,7 +37,7 @@ pub(super) fn scene(file: &Path, meta: &Meta, textures: &[Texture]) -> Result<Sc
         let known = entry < palette.entries && y < textures[5].height;
         known.then(|| textures[5].pixel(y * textures[5].width + x))
     };
-    Ok(rows::scene_of(meta.count, meta.sh_degree(), |i| {
+    rows::scene_of(file, meta.count, meta.sh_degree(), |i| {
         let [low, high, scales, colour] = [0, 1, 3, 4].map(|texture| textures[texture].pixel(i));
         let rotation = rotation(textures[2].pixel(i));
         let entry = textures.get(6).map_or(0, |texture| {
@@ -56,7 +56,7 @@ pub(super) fn scene(file: &Path, meta: &Meta, textures: &[Texture]) -> Result<Sc
                 pixel.map_or(f32::NAN, |p| of(&palette.values, p[channel]))
             }),
         }
-    }))
+    })
 }
 
 fn mean([low, high]: [[f64; 3]; 2], k: usize, step: u16) -> f32 {

@@ -52,10 +52,16 @@ impl SpzLayout {
     }
 
     /// The scene of `n` Gaussians whose attributes are `streams`, in file order. The axes get these signs.
-    pub(super) fn scene(&self, streams: [&[u8]; 6], n: usize, signs: &Signs) -> Scene {
+    pub(super) fn scene(
+        &self,
+        file: &Path,
+        streams: [&[u8]; 6],
+        n: usize,
+        signs: &Signs,
+    ) -> Result<Scene> {
         let sizes = self.sizes();
         let unit = 1.0 / f64::from(1u32 << self.fractional_bits);
-        let scene = rows::scene_of(n, self.sh_degree.min(3), |i| {
+        let scene = rows::scene_of(file, n, self.sh_degree.min(3), |i| {
             let at = |k: usize| &streams[k][i * sizes[k]..(i + 1) * sizes[k]];
             let [position, opacity, colour, log_scale, rotation, sh] = std::array::from_fn(at);
             let mean = [0, 1, 2].map(|k| (unit * f64::from(fixed24(&position[3 * k..]))) as f32);
@@ -72,8 +78,8 @@ impl SpzLayout {
                 11..14 => (f32::from(colour[c - SH]) / 255.0 - 0.5) / COLOUR_SCALE,
                 _ => signs.sh((c - SH) / 3, (f32::from(sh[c - SH - 3]) - 128.0) / 128.0),
             }
-        });
-        Scene { antialiased: self.antialiased, ..scene }
+        })?;
+        Ok(Scene { antialiased: self.antialiased, ..scene })
     }
 }
 

@@ -82,7 +82,7 @@ pub(crate) fn read(file: &Path, bytes: &[u8], options: &ReadOptions) -> Result<(
     let others = records.axes.filter(|axes| !keeps && !axes.is_usual());
     let others = others.map(|axes| axes.to_ply(file)).transpose()?;
     let signs = if keeps || others.is_some() { &STAYING } else { &ABOUT_X };
-    let mut scene = layout.scene(streams.each_ref().map(|s| &s[..]), count, signs);
+    let mut scene = layout.scene(file, streams.each_ref().map(|s| &s[..]), count, signs)?;
     if let Some(placement) = others {
         placement.scene(&mut scene);
     }

@@ -1,7 +1,10 @@
 //! The bits of a Gaussian's words: how they are decoded, and how they are packed.
 
+use std::path::Path;
+
 use super::CHUNK;
 use super::table::TableColumns;
+use crate::error::Result;
 use crate::math::{completed, smallest_three, unit};
 use crate::rows::{self, SH};
 use crate::scene::{SH_C0, Scene};
@@ -23,8 +26,8 @@ pub(super) struct PackedRows<'a> {
 }
 
 impl PackedRows<'_> {
-    pub(super) fn scene(&self, n: usize, sh_degree: u8) -> Scene {
-        rows::scene_of(n, sh_degree, |i| {
+    pub(super) fn scene(&self, file: &Path, n: usize, sh_degree: u8) -> Result<Scene> {
+        rows::scene_of(file, n, sh_degree, |i| {
             let [means, rotation, log_scales, colour] = [0, 1, 2, 3].map(|k| self.words.word(i, k));
             let [means, log_scales] = [means, log_scales].map(unpack);
             let (rotation, colour) = (unpack_rotation(rotation), colour.to_be_bytes());

@@ -59,7 +59,7 @@ pub(super) fn read(file: &Path, bytes: &[u8], header: &PlyHeader) -> Result<(Sce
     let scene = Scene {
         antialiased,
         origin: origin::of_file(&header.comments),
-        ..decoder.scene(n, sh_degree.min(3))
+        ..decoder.scene(file, n, sh_degree.min(3))?
     };
     let mut report = Report::of(FORMAT.name, "PlayCanvas compressed.ply");
     report.notes = header.notes(&["vertex", "chunk", "sh"], 0);
