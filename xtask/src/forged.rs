@@ -2,6 +2,7 @@
 //! borders must make the same of each.
 //!
 //! The streams, and what Rust makes of them, are in `xtask/forged`, a package that also builds for 32 bits and WebAssembly.
+//! There the golden streams follow, and on 32 bits the seeds of all fuzz targets, with mutations of each.
 //! What cannot be had is skipped, and said.
 
 use std::path::{Path, PathBuf};
@@ -103,6 +104,10 @@ pub(crate) fn run(args: &ForgedArgs) -> Result<()> {
             }
         }
     }
+    if let Err(why) = seeds(args.quick)? {
+        eprintln!("SKIPPED: seeds of the fuzz targets on 32 bits: {why:#}");
+        skipped += 1;
+    }
     let differing = differing(&outcomes);
     ensure!(differing.is_empty(), "forged streams: {}", differing.join("; "));
     println!("{} streams, {} borders agree, {skipped} skipped", args.count, outcomes.len());
@@ -128,21 +133,53 @@ fn writer(own: &Path) -> Command {
     command
 }
 
+/// Mutations of each seed of a fuzz target.
+const MUTATIONS: &str = "300";
+
+/// Runs the seeds of the fuzz targets and mutations of them on 32 bits: none may fail, and unless it is to be quick, as many
+/// are accepted as on this machine. The inner error says why nothing runs.
+fn seeds(quick: bool) -> Result<Result<()>> {
+    if let Err(why) = Need::Target(I686).get() {
+        return Ok(Err(why));
+    }
+    let fuzz = eval::scenes::root().join("xtask/fuzz");
+    let accepted = |target: Option<&str>| {
+        let made = built(&fuzz, &["--example", "seeds"], target, true)?;
+        let mut seeds = Command::new(made.join("examples/seeds"));
+        let out = seeds.arg(made.join("seeds")).arg(MUTATIONS).stderr(Stdio::inherit()).output()?;
+        ensure!(out.status.success(), "seeds of the fuzz targets, {target:?}: {}", out.status);
+        Ok(String::from_utf8(out.stdout)?)
+    };
+    let on_32_bits = accepted(Some(I686))?;
+    if !quick {
+        let here = accepted(None)?;
+        ensure!(here == on_32_bits, "fuzz targets accept\n{here}and on 32 bits\n{on_32_bits}");
+    }
+    println!("Seeds of {} fuzz targets, i686: none failed", on_32_bits.lines().count());
+    Ok(Ok(()))
+}
+
 /// Builds the package; returns the folder of what was made.
 fn build(target: Option<&str>, quick: bool) -> Result<PathBuf> {
+    // The library alone is what WebAssembly has.
+    let what = if target == Some(WASM) { "--lib" } else { "--bins" };
+    built(&package(), &[what], target, quick)
+}
+
+/// Builds what the words name of a package; returns the folder of what was made.
+fn built(package: &Path, what: &[&str], target: Option<&str>, quick: bool) -> Result<PathBuf> {
     let mut made = eval::scenes::root().join("target/forged");
     let mut cargo = Command::new("cargo");
-    cargo.current_dir(package()).args(["build", "--quiet", "--target-dir"]).arg(&made);
+    cargo.current_dir(package).args(["build", "--quiet", "--target-dir"]).arg(&made).args(what);
     if let Some(target) = target {
-        // The library alone is what WebAssembly has.
-        cargo.args(["--target", target, if target == WASM { "--lib" } else { "--bins" }]);
+        cargo.args(["--target", target]);
         made.push(target);
     }
     if !quick {
         cargo.arg("--release");
     }
     let status = cargo.status().context("start cargo")?;
-    ensure!(status.success(), "{}: does not build for {target:?}", package().display());
+    ensure!(status.success(), "{}: does not build for {target:?}", package.display());
     Ok(made.join(if quick { "debug" } else { "release" }))
 }
 
@@ -245,7 +282,7 @@ fn write(out: &Path, args: &ForgedArgs, outcomes: &[Outcome]) -> Result<()> {
     }
     page.table(&table);
     page.text(
-        "The first three agree on every float and on every word of every error, and the first two and the last three on \
+        "The first three agree on every float and on every word of every error, of the golden streams too, and the first two and the last three on \
          every scene. Memory is the most that the process had; in WebAssembly, that of the instance.",
     );
     page.write()

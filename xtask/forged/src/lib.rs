@@ -17,10 +17,16 @@ mod streams;
 pub use outcome::outcome;
 pub use rng::Rng;
 pub use scene::{join, scenes};
-pub use streams::stream;
+pub use streams::{FIRST_GOLDEN, stream};
 
 /// For WebAssembly: what the decoder makes of a stream.
 #[unsafe(no_mangle)]
 pub extern "C" fn outcome_of(number: u32) -> u32 {
     outcome(&stream(number.into()))
+}
+
+/// For WebAssembly: see [`FIRST_GOLDEN`].
+#[unsafe(no_mangle)]
+pub extern "C" fn first_golden() -> u32 {
+    FIRST_GOLDEN as u32
 }

@@ -11,6 +11,7 @@ use std::num::NonZeroUsize;
 
 use crate::codec::{self, plans};
 use crate::common::{self, forge, scene};
+pub use testing::Rng;
 
 /// A fuzz target.
 pub struct FuzzTarget {
@@ -31,6 +32,23 @@ const fn target(
     seeds: fn() -> Vec<Vec<u8>>,
 ) -> FuzzTarget {
     FuzzTarget { name, run, max_len, seeds }
+}
+
+/// A seed with some of its bytes changed, or cut.
+#[must_use]
+pub fn mutated(seed: &[u8], rng: &mut Rng) -> Vec<u8> {
+    let mut bytes = seed.to_vec();
+    let mut below = |n: usize| (rng.bits() % n.max(1) as u64) as usize;
+    for _ in 0..1 + below(4) {
+        let at = below(bytes.len());
+        match below(6) {
+            0 => bytes.truncate(at),
+            1 => bytes.insert(at, below(256) as u8),
+            2 => bytes.iter_mut().skip(at).take(4).for_each(|byte| *byte = 0xff),
+            _ => bytes.iter_mut().skip(at).take(1).for_each(|byte| *byte ^= 1 << below(8)),
+        }
+    }
+    bytes
 }
 
 /// All targets.
@@ -64,7 +82,7 @@ fn with(byte: u8, rest: &[u8]) -> Vec<u8> {
 }
 
 fn values(n: usize, seed: u64) -> Vec<i32> {
-    let mut r = common::Rng::seeded(seed);
+    let mut r = Rng::seeded(seed);
     (0..n).map(|_| (r.bits() % 200) as i32 - 100 + ((r.bits() % 50 == 0) as i32) * 70_000).collect()
 }
 
