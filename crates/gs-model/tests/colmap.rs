@@ -290,4 +290,12 @@ fn text_mistakes_name_the_line() {
     wrong(0, " 239", " 239 1", "line 4: bad number of camera parameters");
     wrong(1, "-2.5", "-2,5", "line 2: bad translation");
     wrong(1, " b.jpg", "", "line 2: bad image name");
+    // A list of points with a number too many is neither; the next image is not taken for its points.
+    let mut files = model().text();
+    let mut text = String::from_utf8(files[1].1.clone()).unwrap();
+    text += "12 13 7 8\n";
+    let number = text.lines().count();
+    files[1].1 = text.into_bytes();
+    says(read(folder(&files).path()), &format!("line {number}: bad"));
+    says(read(folder(&files).path()), &format!("nor does line {number} list points"));
 }

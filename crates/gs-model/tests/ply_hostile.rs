@@ -162,7 +162,7 @@ fn header_mistakes_are_named() {
         ),
         (
             "element vertex 1\nelement face 0\nelement vertex 1\n",
-            "line 4: element is declared twice",
+            "line 4: element is declared twice; one PLY holds one model",
         ),
         (ascii, "no element \"vertex\""),
     ] {

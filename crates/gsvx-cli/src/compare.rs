@@ -1,5 +1,7 @@
 //! `gsvx compare`.
 
+mod hint;
+
 use crate::attribute_errors::AttributeErrors;
 use crate::exit::{note, usage};
 use crate::input::ReadingAny;
@@ -61,6 +63,9 @@ pub(crate) fn run(args: &CompareArgs, report: Reporter) -> Result<()> {
     let (mut b, _) = args.reading.any(&args.model)?;
     // Both relative to one place: the origin of the one that has one.
     let place = if a.origin == [0.0; 3] { b.origin } else { a.origin };
+    // The format of the second may have lost it.
+    let lost = a.origin != b.origin && b.origin == [0.0; 3];
+    let unmoved = lost.then(|| b.means.clone());
     [&mut a, &mut b].into_iter().for_each(|scene| scene.move_origin(place));
     let Placed { cameras, origin } = args.views.cameras(&a, &args.reference)?;
     let seen = score_views(&a, &b, &cameras);
@@ -107,6 +112,9 @@ pub(crate) fn run(args: &CompareArgs, report: Reporter) -> Result<()> {
     json["views"] = seen.iter().map(view).collect();
     json["pictures"] = json!(pictures);
     json["attributes"] = errors.as_ref().map_or(Value::Null, AttributeErrors::json);
+    if let Some(hint) = hint::hint(&a, b, unmoved, &cameras, scores.psnr) {
+        note(format_args!("hint: {hint}"));
+    }
     report.say(false, human.trim_end(), &json)
 }
 

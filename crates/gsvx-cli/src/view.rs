@@ -48,9 +48,11 @@ pub(crate) fn run(args: &ViewArgs, report: Reporter) -> Result<()> {
         anyhow!("port {}: cannot be opened: {e}; name another with --port", args.port)
     })?;
     let host = listener.local_addr().context("the server has no address")?.to_string();
-    let url = page(&host, args);
+    let start = Start::of(&args.files);
+    let url = page(&host, args, start.as_ref());
+    let first = start.map_or(String::new(), |start| format!("first camera: {}\n", start.from));
     interrupt::is_the_end();
-    report.say(false, &format!("{url}\nCtrl-C ends"), &json!({ "url": url }))?;
+    report.say(false, &format!("{url}\n{first}Ctrl-C ends"), &json!({ "url": url }))?;
     if !args.no_open
         && let Err(error) = open::that_detached(&url)
     {
@@ -62,7 +64,7 @@ pub(crate) fn run(args: &ViewArgs, report: Reporter) -> Result<()> {
 }
 
 /// The address of the page with the files to show, and where it starts.
-fn page(host: &str, ViewArgs { files, budget, .. }: &ViewArgs) -> String {
+fn page(host: &str, ViewArgs { files, budget, .. }: &ViewArgs, start: Option<&Start>) -> String {
     let name = |i: usize| answer::place(i, &files[i]);
     let mut url = format!("http://{host}/?url={}", name(0));
     if files.len() > 1 {
@@ -71,6 +73,5 @@ fn page(host: &str, ViewArgs { files, budget, .. }: &ViewArgs) -> String {
     if let Some(budget) = budget {
         url += &format!("&budget={budget}");
     }
-    let start = Start::of(files);
     url + &start.map_or(String::new(), |start| start.query())
 }

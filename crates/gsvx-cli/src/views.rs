@@ -139,8 +139,8 @@ fn scaled(camera: Camera, factor: f64) -> Camera {
     camera.scaled_to(size(camera.width), size(camera.height)).unwrap_or(camera)
 }
 
-/// The views that lie beside a model, in a scene folder or an output of Inria's trainer.
-pub(crate) fn beside(model: &Path) -> Option<Vec<View>> {
+/// The cameras that lie beside a model, in a scene folder or an output of Inria's trainer.
+pub(crate) fn beside(model: &Path) -> Option<CameraSet> {
     if is_stdio(model) {
         return None;
     }
@@ -148,13 +148,13 @@ pub(crate) fn beside(model: &Path) -> Option<Vec<View>> {
     // Inria: FOLDER/point_cloud/iteration_N/point_cloud.ply.
     [folders.next(), folders.nth(1)].into_iter().flatten().find_map(|folder| {
         let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
-        Some(dataset::cameras_in(folder).ok()?.views)
+        dataset::cameras_in(folder).ok()
     })
 }
 
 /// What is up for the cameras that lie beside a model; `None` if there are none, or if they do not agree.
 fn up_beside(model: &Path) -> Option<[f64; 3]> {
-    up(&beside(model)?)
+    up(&beside(model)?.views)
 }
 
 /// What is up for some cameras; `None` if they do not agree.

@@ -418,6 +418,9 @@ fn the_origin_of_a_model_is_kept_where_a_file_has_a_place_for_it() {
         heard.contains("origin (389477.25, 5435291.5, 120), which .spz does not hold"),
         "{heard}"
     );
+    // The comparison says why nothing is alike.
+    let (_, heard) = common::report(&["compare", "@", "@", "--orbit", "2"], &[&model, &spz]);
+    assert!(heard.contains("hint: ") && heard.contains("has lost it"), "{heard}");
     // The same Gaussians about another origin are the same model.
     let moved = place("moved.ply");
     let mut scene = scene;
@@ -425,4 +428,32 @@ fn the_origin_of_a_model_is_kept_where_a_file_has_a_place_for_it() {
     gs_model::ply::write(&moved, &scene).unwrap();
     let same = json(&["compare", "@", "@", "--orbit", "2"], &[&model, &moved]);
     assert!(same["psnr"].is_null() || same["psnr"].as_f64().unwrap() > 60.0, "{same}");
+}
+
+#[test]
+fn models_that_differ_by_their_axes_are_said_to() {
+    let dir = tempfile::tempdir().unwrap();
+    let place = |name: &str| dir.path().join(name);
+    let (turned, other) = (place("turned.spz"), place("turned.ply"));
+    let compare = |model: &std::path::Path| {
+        let words = ["compare", "@", "@", "--every", "16", "--cameras", "@"];
+        common::report(&words, &[&common::model(), model, &common::room()]).1
+    };
+    ok(&["convert", "@", "@", "--axes", "keep"], &[&common::model(), &turned]);
+    let heard = compare(&turned);
+    assert!(heard.contains("(x, y, z) of the second is (x, -y, -z) of the first"), "{heard}");
+    // z up.
+    let (mut scene, _) = gs_model::ply::read(common::model()).unwrap();
+    scene.cut_sh(0);
+    let half = std::f32::consts::FRAC_1_SQRT_2;
+    for i in 0..scene.len() {
+        let [x, y, z] = scene.means[i];
+        scene.means[i] = [x, z, -y];
+        let [w, a, b, c] = scene.rotations[i];
+        scene.rotations[i] = [w + a, a - w, b + c, c - b].map(|v| half * v);
+    }
+    gs_model::ply::write(&other, &scene).unwrap();
+    let heard = compare(&other);
+    assert!(heard.contains("(x, y, z) of the second is (x, -z, y) of the first"), "{heard}");
+    assert!(!compare(&common::model()).contains("hint"));
 }

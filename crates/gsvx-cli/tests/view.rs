@@ -56,6 +56,27 @@ impl Drop for View {
 }
 
 #[test]
+fn the_first_camera_and_where_it_is_from_are_said() {
+    let dir = tempfile::tempdir().unwrap();
+    let alone = dir.path().join("alone.ply");
+    std::fs::copy(room().join("point_cloud.ply"), &alone).unwrap();
+    let beside = room().join("point_cloud.ply");
+    for (model, from) in [(&beside, "of the 32 cameras from"), (&alone, "a circle around")] {
+        let mut child = gsvx()
+            .args(["view", "--no-open"])
+            .arg(model)
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("gsvx starts");
+        let out = BufReader::new(child.stdout.take().expect("its output"));
+        let second = out.lines().nth(1).expect("a second line").expect("text");
+        child.kill().expect("it runs");
+        let _ = child.wait();
+        assert!(second.starts_with("first camera: ") && second.contains(from), "{second}");
+    }
+}
+
+#[test]
 fn page_and_ranges_are_served() {
     let model = room().join("point_cloud.ply");
     let all = std::fs::read(&model).expect("the model");

@@ -5,7 +5,7 @@ use crate::background::{Event, Line, run};
 use crate::cameras::{CameraArrays, Cameras};
 use crate::error::{Fault, Result};
 use finetune::{LossEstimate, Pictures, References, Visibility};
-use gs_model::{Limits, Scene};
+use gs_model::{Doubts, Limits, Scene};
 use gsvx::{Aim, EncodeProgress, Encoder, LEFT_OUT, Leaves, Made, MaxError};
 use numpy::PyArray1;
 use pyo3::prelude::*;
@@ -123,6 +123,7 @@ fn encode(
     done.warnings.extend(limits.sentences());
     if !options.lossless {
         scene.validate()?;
+        done.warnings.extend(Doubts::of(&scene).sentences());
     }
     // The stream follows from the cameras only if pictures show that they fit.
     let judged = cameras.is_some() && !options.lossless && !options.drop_unseen;

@@ -94,24 +94,36 @@ fn lists_points(line: &Line) -> bool {
 pub(super) fn images(file: &Path, bytes: &[u8]) -> Result<Vec<PosedImage>> {
     let mut images = Vec::new();
     let mut all = lines(file, bytes).peekable();
-    while let Some(mut line) = all.next() {
+    while let Some(line) = all.next() {
         if !holds_data(&line) {
             continue;
         }
-        let _id: u32 = line.next("image id")?;
-        let rotation = line.f64s("rotation")?;
-        let translation = line.f64s("translation")?;
-        let camera = line.next("camera id")?;
-        // The name is the rest of the line: it may hold spaces.
-        let name = std::str::from_utf8(line.rest.trim_ascii()).unwrap_or_default().to_owned();
-        if name.is_empty() {
-            return Err(line.error("image name"));
-        }
-        images.push(PosedImage { name, camera, rotation, translation });
+        let number = line.number;
+        images.push(image(line).map_err(|error| match error {
+            Error::Malformed { file, place, reason } if !images.is_empty() => {
+                let reason =
+                    format!("{reason}; nor does line {number} list points, three numbers each");
+                Error::Malformed { file, place, reason }
+            }
+            other => other,
+        })?);
         // A line that is neither is read as an image, whose error names it.
         all.next_if(|next| next.whole.is_empty() || lists_points(next));
     }
     Ok(images)
+}
+
+fn image(mut line: Line<'_>) -> Result<PosedImage> {
+    let _id: u32 = line.next("image id")?;
+    let rotation = line.f64s("rotation")?;
+    let translation = line.f64s("translation")?;
+    let camera = line.next("camera id")?;
+    // The name is the rest of the line: it may hold spaces.
+    let name = std::str::from_utf8(line.rest.trim_ascii()).unwrap_or_default().to_owned();
+    if name.is_empty() {
+        return Err(line.error("image name"));
+    }
+    Ok(PosedImage { name, camera, rotation, translation })
 }
 
 pub(super) fn points(file: &Path, bytes: &[u8]) -> Result<Vec<Point>> {

@@ -309,7 +309,7 @@ impl Parser<'_> {
             return Err(self.error("bad element count", text));
         };
         if !self.elements_seen.insert(name.clone()) {
-            return Err(self.error("element is declared twice", text));
+            return Err(self.error("element is declared twice; one PLY holds one model", text));
         }
         self.properties_seen.clear();
         self.elements.push(PlyElement { name, count, properties: Vec::new() });

@@ -1,10 +1,11 @@
 //! The camera at which the viewer page starts.
 
 use crate::input::{self, Opened};
+use crate::output::counted;
 use crate::views;
 use finetune::framing::{self, Constraints};
 use gs_model::dataset::HOLD_OUT_EVERY;
-use gs_model::{Camera, Scene};
+use gs_model::{Camera, CameraSet, Scene};
 use std::path::{Path, PathBuf};
 
 /// A level of detail of at most so many Gaussians is enough to find a camera for.
@@ -14,6 +15,8 @@ const ENOUGH: u64 = 1 << 17;
 pub(super) struct Start {
     camera: Camera,
     up: [f64; 3],
+    /// Where the camera is from.
+    pub(super) from: String,
 }
 
 impl Start {
@@ -24,17 +27,26 @@ impl Start {
     }
 
     fn beside(file: &Path) -> Option<Self> {
-        let views = views::beside(file)?;
+        let CameraSet { views, source, form, .. } = views::beside(file)?;
         // The first one is held out, unless it is the only one.
         let first = views.iter().enumerate().find(|(i, _)| i % HOLD_OUT_EVERY != 0);
         let camera = first.map_or_else(|| views.first(), |(_, view)| Some(view))?.camera.clone();
         let up = views::up(&views).unwrap_or_else(|| (-camera.rotation.row(1)).into());
-        Some(Self { camera, up })
+        let from = format!(
+            "{:?}, of the {} from {} ({form}) beside the model",
+            camera.name,
+            counted(views.len(), "camera"),
+            source.display()
+        );
+        Some(Self { camera, up, from })
     }
 
     fn around(file: &Path) -> Option<Self> {
         let found = framing::find(&scene(file)?, &Constraints::default())?;
-        Some(Self { camera: found.first(), up: found.ring.up.into() })
+        let from =
+            "the one that sees most of a circle around the model, as no cameras lie beside it"
+                .into();
+        Some(Self { camera: found.first(), up: found.ring.up.into(), from })
     }
 
     /// As the address of the page has it.
@@ -43,7 +55,7 @@ impl Start {
             let [x, y, z] = at.map(|v| v as f32);
             format!("&{name}={x},{y},{z}")
         };
-        let Self { camera, up } = self;
+        let Self { camera, up, .. } = self;
         three("up", *up)
             + &three("eye", camera.position().into())
             + &three("ahead", camera.rotation.row(2).into())
