@@ -56,6 +56,8 @@ enum Task {
     BenchQuality(bench::quality::QualityOptions),
     /// Models of a million Gaussians: coded, tuned, time, memory
     BenchRealSize(bench::real_size::RealSizeOptions),
+    /// The paper's claims, measured
+    Paper(bench::paper::PaperOptions),
     /// What gsvx tune saves, beside streams without it
     BenchTune(bench::tune::TuneBenchOptions),
     /// The decoder for browsers: npm package, viewer page, tests
@@ -82,6 +84,7 @@ fn main() -> ExitCode {
         Task::BenchGsvx(args) => bench::gsvx::run(&args),
         Task::BenchQuality(args) => bench::quality::run(&args),
         Task::BenchRealSize(args) => bench::real_size::run(&args),
+        Task::Paper(args) => bench::paper::run(&args),
         Task::BenchTune(args) => bench::tune::run(&args),
         Task::Web(args) => web::run(&args),
         Task::Demo(args) => demo::run(&args),

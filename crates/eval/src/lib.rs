@@ -9,7 +9,6 @@ mod bd;
 pub mod bench;
 mod cache;
 mod chart;
-mod experiments;
 mod manifest;
 pub mod measure;
 pub mod page;
@@ -23,7 +22,6 @@ mod round_trip;
 pub mod scenes;
 pub mod stress;
 mod usage;
-mod voxelized;
 
 pub use process::gsvx_command;
 pub use scenes::TestScene;

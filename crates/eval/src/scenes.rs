@@ -200,6 +200,7 @@ mod tests {
         let line = format!("{error:#}");
         assert!(line.contains("scenes/playroom") && line.contains("point_cloud.ply"), "{line}");
         assert!(line.contains("sparse/0") && !line.contains('\n'), "{line}");
+        assert!(line.contains("`cargo xtask fetch playroom` (0.63 GB"), "{line}");
     }
 
     #[test]

@@ -25,7 +25,7 @@ pub struct PaperOptions {
 pub struct PaperStream {
     /// The stream.
     pub bytes: Vec<u8>,
-    /// Bytes by what they are for, in the order of the stream.
+    /// Bytes by what they are for, in the order of the stream; `codebook indices` are inside `covariance`.
     pub parts: Vec<(&'static str, u64)>,
 }
 
@@ -53,9 +53,14 @@ pub fn encode(
     let mut out = ContainerWriter::new(scene.sh_degree, scene.antialiased);
     positions::encode(octree, &mut out)?;
     sh_and_opacity::encode(scene, &plan, qp, &mut out)?;
-    let covariances = covariance.encode(scene, &plan, sensitivities)?;
+    let (covariances, indices) = covariance.encode(scene, &plan, sensitivities)?;
     out.block("covariance", &covariances);
-    Ok(PaperStream { bytes: out.bytes, parts: out.parts })
+    let ContainerWriter { bytes, mut parts } = out;
+    if let Some((_, rest)) = parts.last_mut().filter(|_| indices > 0) {
+        *rest -= indices as u64;
+        parts.push(("codebook indices", indices as u64));
+    }
+    Ok(PaperStream { bytes, parts })
 }
 
 fn check_means(scene: &Scene, octree: &Octree) -> Result<()> {

@@ -5,7 +5,7 @@
 //! distance `B`, and `B^2(S, S') <= |S^(1/2) - S'^(1/2)|_F^2`, with equality where the covariances
 //! commute. The right side is a squared distance in a linear space: the best merged covariance is
 //! the square of the weighted mean of the square roots, and the total distance to it is a
-//! variance. So no barycenter is iterated, and what is minimised is an upper bound of eq. 5.
+//! variance. So no barycenter is iterated, and what is minimised is an upper bound of eq. 4.
 //! (The square root of a covariance is `R diag(s) R^T`.)
 //!
 //! *Invariant:* moments are additive, so those of a cell follow from those of its children.

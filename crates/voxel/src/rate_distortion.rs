@@ -1,7 +1,7 @@
 //! [`RateDistortion`]: parameters of the strategy that minimises distortion plus lambda times bits.
 //!
 //! It goes beyond the paper, whose criteria (section 3.2.2) are thresholds per voxel. The
-//! distortion is an upper bound of the paper's eq. 5 with importances as weights.
+//! distortion is an upper bound of the paper's eq. 4 with importances as weights.
 
 use crate::check::{check, check_depths};
 use crate::cost::CostModel;

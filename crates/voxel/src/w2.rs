@@ -1,4 +1,4 @@
-//! Reference: 2-Wasserstein distances and barycenters of Gaussians (the paper's eq. 3 to 6).
+//! Reference: 2-Wasserstein distances and barycenters of Gaussians (the paper's eq. 3 to 5).
 //!
 //! With the feature `reference`. Everything here is exact up to rounding in `f64`, and slow. No strategy calls it; tests and
 //! measurements compare the strategies with it.
@@ -130,7 +130,7 @@ const FLAT: f64 = 1e-14;
 /// squared distances (eq. 4 and 5).
 ///
 /// The covariance is the fixed point of `S = sum w_i (S^1/2 S_i S^1/2)^1/2` with weights that
-/// sum to 1. The paper's eq. 6 prints that map **without** the weights `1/k`, and then it has
+/// sum to 1. The paper's eq. 5 prints that map **without** the weights `1/k`, and then it has
 /// another fixed point (for k copies of one Gaussian, k^2 times its covariance). The iteration
 /// uses the map of the paper's source (Alvarez-Esteban et al. 2016), which has the same fixed
 /// point, always converges, and converges much faster:
@@ -191,7 +191,7 @@ fn root_and_inverse(m: &Matrix3<f64>) -> (Matrix3<f64>, Matrix3<f64>) {
     (compose(&root), compose(&inverse))
 }
 
-/// Eq. 5 of one voxel: the sum of squared distances of `members` to their
+/// Eq. 4 of one voxel: the sum of squared distances of `members` to their
 /// barycenter, all weights equal.
 pub(crate) fn voxel_distortion(scene: &Scene, members: &[u32]) -> f64 {
     if members.len() < 2 {
@@ -203,7 +203,7 @@ pub(crate) fn voxel_distortion(scene: &Scene, members: &[u32]) -> f64 {
     gaussians.iter().map(|g| distance_squared(g, &centre)).sum()
 }
 
-/// The sum of eq. 5 over all leaves.
+/// The sum of eq. 4 over all leaves.
 #[must_use]
 pub fn total_distortion(scene: &Scene, voxelization: &Voxelization) -> f64 {
     let leaves: Vec<usize> = (0..voxelization.len()).collect();

@@ -3,6 +3,7 @@
 pub mod gpcc;
 pub mod gpu;
 pub mod gsvx;
+pub mod paper;
 pub mod quality;
 pub mod real_size;
 pub mod tune;

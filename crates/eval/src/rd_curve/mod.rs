@@ -1,5 +1,5 @@
 //! Rate-distortion curves of a scene, from real streams: gsvx, its coding with a uniform octree and with
-//! the paper's adaptive one, and the paper's coding, beside recorded and published points of other codecs.
+//! the paper's adaptive one, and the paper, beside recorded and published points of other codecs.
 //!
 //! A stage whose record carries the hash of its inputs, its settings and the program is not run
 //! again, so a run that was cut goes on where it stopped.
@@ -22,17 +22,16 @@ use anyhow::{Context, Result};
 
 use crate::published;
 use crate::report::{self, sections};
-use plan::{Coding, GSVX, TUNED};
+use plan::{GSVX, PAPER, PAPER_TUNED, TUNED};
 use record::{Bd, Curve, Run};
 use stages::Branch;
 use study::Study;
-use tune::Tuning;
 
 pub use options::CurveOptions;
 pub use size::{SizeOptions, run as size};
+pub(crate) use tuned_curve::one_tune;
 
-/// Measures the curves of a scene, or an experiment of the paper, and writes the report: `report.html`,
-/// a JSON and the charts.
+/// Measures the curves of a scene and writes the report: `report.html`, a JSON and the charts.
 ///
 /// # Errors
 /// If the scene cannot be read, an option is out of range or a file cannot be written.
@@ -42,20 +41,14 @@ pub fn run(options: &CurveOptions) -> Result<()> {
     let qualities = options.qualities()?;
     let options = &options.clone().with_tuned_room();
     let study = Study::open(options)?;
-    let folder = match options.experiment {
-        Some(experiment) => experiment.run(&study, options, &qualities)?,
-        None => {
-            curves(&study, options, &qualities)?;
-            study.out.clone()
-        }
-    };
+    curves(&study, options, &qualities)?;
     let (skipped, stages) = study.tally();
     if skipped > 0 {
         println!(
             "{skipped} of {stages} stages were already done for the same inputs and were skipped"
         );
     }
-    println!("report: {}", folder.join("report.html").display());
+    println!("report: {}", study.out.join("report.html").display());
     println!("{:.1} s in all", started.elapsed().as_secs_f64());
     Ok(())
 }
@@ -64,18 +57,9 @@ pub fn run(options: &CurveOptions) -> Result<()> {
 fn curves(study: &Study, options: &CurveOptions, qualities: &[f32]) -> Result<Run> {
     let original = study.original()?;
     let base = study.depth(options.depth)?;
-    let tuning = options.finetune.map(|steps| Tuning { steps, initialised: true });
     let mut curves = Vec::new();
     for plan in plan::curves(base, options, qualities) {
-        let (mut voxelized, mut points) = (Vec::new(), Vec::new());
-        for (voxels, qualities) in &plan.steps {
-            let branch = Branch::new(study, voxels, tuning);
-            voxelized.push(branch.voxelized()?);
-            for &quality in qualities {
-                points.push(branch.coded(plan.name, Coding::of(plan.name, quality))?);
-            }
-        }
-        curves.push(Curve { name: plan.name.into(), what: plan.what, voxelized, points });
+        curves.push(measured(study, plan)?);
     }
     if let Some(effort) = options.tune {
         curves.push(tuned_curve::curve(study, effort, &options.tuned_qualities())?);
@@ -109,30 +93,44 @@ fn curves(study: &Study, options: &CurveOptions, qualities: &[f32]) -> Result<Ru
     Ok(run)
 }
 
-/// Hull against hull: the tuned curve against ours, gsvx against our other curves, those against the
-/// uniform one, all against the others.
-fn compare(curves: &[Curve], others: &[published::Other]) -> Vec<Bd> {
-    let mut out = Vec::new();
-    let mut pair = |test: &Curve, anchor: &Curve| {
-        out.push(sections::compare(test, &anchor.name, |metric| anchor.rates(metric)));
-    };
-    let (tuned, untuned): (Vec<&Curve>, Vec<&Curve>) = curves.iter().partition(|c| c.name == TUNED);
-    for tuned in tuned {
-        untuned.iter().rev().for_each(|curve| pair(tuned, curve));
-    }
-    if let [uniform, rest @ ..] = &untuned[..] {
-        let (gsvx, rest): (Vec<&Curve>, Vec<&Curve>) =
-            rest.iter().copied().partition(|c| c.name == GSVX);
-        for gsvx in gsvx {
-            rest.iter().for_each(|curve| pair(gsvx, curve));
-            pair(gsvx, uniform);
+/// The curve of a plan.
+pub(crate) fn measured(study: &Study, plan: plan::CurvePlan) -> Result<Curve> {
+    let (mut voxelized, mut points) = (Vec::new(), Vec::new());
+    // Several models may be coded at one quality.
+    let several = plan.steps.iter().flat_map(|s| &s.1).any(|c| c.paper_setting().is_some());
+    for (voxels, codings) in &plan.steps {
+        let branch = Branch::new(study, voxels, plan.tuning);
+        voxelized.push(branch.voxelized()?);
+        let name = if several { branch.name() } else { plan.name.to_owned() };
+        for &coding in codings {
+            points.push(branch.coded(&name, coding)?);
         }
-        rest.iter().for_each(|curve| pair(curve, uniform));
     }
+    Ok(Curve { name: plan.name.into(), what: plan.what, voxelized, points })
+}
+
+/// Hull against hull, like with like: gsvx against what is not tuned, gsvx tuned against the paper fine-tuned and against
+/// gsvx, and all but the tuned ones against other codecs, which are not tuned either.
+fn compare(curves: &[Curve], others: &[published::Other]) -> Vec<Bd> {
+    let named = |name| curves.iter().find(move |c| c.name == name);
+    let is_tuned = |c: &&Curve| [TUNED, PAPER_TUNED].contains(&c.name.as_str());
+    let untuned = || curves.iter().filter(|c| !is_tuned(c));
+    let mut pairs: Vec<(&Curve, &Curve)> = Vec::new();
+    if let Some(tuned) = named(TUNED) {
+        pairs.extend([PAPER_TUNED, GSVX].iter().filter_map(|n| Some((tuned, named(n)?))));
+    }
+    if let Some(gsvx) = named(GSVX) {
+        pairs.extend(untuned().filter(|c| c.name != GSVX).map(|anchor| (gsvx, anchor)));
+    }
+    if let (Some(paper), Some(tuned)) = (named(PAPER), named(PAPER_TUNED)) {
+        pairs.push((tuned, paper));
+    }
+    let of_pair = |(test, anchor): (&Curve, &Curve)| {
+        sections::compare(test, &anchor.name, |metric| anchor.rates(metric))
+    };
+    let mut out: Vec<Bd> = pairs.into_iter().map(of_pair).collect();
     for other in others.iter().filter(|o| o.is_comparable()) {
-        out.extend(
-            curves.iter().map(|c| sections::compare(c, &other.name, |metric| other.rates(metric))),
-        );
+        out.extend(untuned().map(|c| sections::compare(c, &other.name, |m| other.rates(m))));
     }
     out
 }

@@ -2,9 +2,13 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use clap::{Args as _, FromArgMatches as _};
+use finetune::Backend;
 use tune::TuneEffort;
+use voxel::{Released, Strategy};
+
+use super::tune::Tuning;
 
 /// Reads the name of an effort.
 fn effort(text: &str) -> Result<TuneEffort, String> {
@@ -12,26 +16,34 @@ fn effort(text: &str) -> Result<TuneEffort, String> {
     TuneEffort::named(text).ok_or_else(|| format!("use one of {names}"))
 }
 
-/// Parses `LOW:HIGH`, two depths of an octree.
-fn depths(text: &str) -> Result<(u8, u8)> {
-    let (low, high) = text.split_once(':').context("expected LOW:HIGH, for example 9:14")?;
-    let depth = |s: &str| s.parse::<u8>().with_context(|| format!("{s} is not a depth"));
-    let (low, high) = (depth(low)?, depth(high)?);
-    ensure!(low <= high && high <= 21, "depths must ascend and be at most 21: {low}:{high}");
-    Ok((low, high))
-}
-
-/// An experiment of the paper.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-pub(crate) enum Experiment {
-    /// Fig. 6: uniform voxelization at two depths, fine-tuned without initialisation.
-    Baseline,
-    /// Fig. 7: fine-tuned with and without the initialisation, at two depths.
-    Init,
-    /// Fig. 8, Table 1: adaptive voxelization against uniform.
-    Adaptive,
-    /// Fig. 9: against other codecs.
-    Sota,
+/// Parses `LOW:HIGH[:V:TAU1:TAU2]`, the paper's criteria, or `released:LOW`, its authors' code.
+fn criteria(text: &str) -> Result<Strategy> {
+    let number = |s: &str| s.parse::<f64>().with_context(|| format!("{s} is not a number"));
+    let depth = |s: &str| match s.parse::<u8>() {
+        Ok(depth @ 0..=21) => Ok(depth),
+        _ => bail!("{s} is not a depth of 0 to 21"),
+    };
+    let parts: Vec<&str> = text.split(':').collect();
+    let (j_low, j_high, rest) = match parts[..] {
+        ["released", low] => return Ok(Strategy::Released(Released::new(depth(low)?))),
+        [low, high, ref rest @ ..] => (depth(low)?, depth(high)?, rest),
+        _ => bail!("expected LOW:HIGH, for example 8:16, LOW:HIGH:V:TAU1:TAU2 or released:LOW"),
+    };
+    ensure!(j_low <= j_high, "depths must ascend: {j_low}:{j_high}");
+    match *rest {
+        [] => Ok(Strategy::paper(j_low, j_high)),
+        [v, tau1, tau2] => {
+            let tau1 =
+                tau1.parse().with_context(|| format!("{tau1} is not a number of Gaussians"))?;
+            let (large_percent, tau2) = (number(v)?, number(tau2)?);
+            ensure!(
+                (0.0..=100.0).contains(&large_percent) && tau2 >= 0.0,
+                "V is 0 to 100, TAU2 0 or more"
+            );
+            Ok(Strategy::Paper { large_percent, j_low, j_high, tau1, tau2 })
+        }
+        _ => bail!("give V, TAU1 and TAU2 together, for example 8:16:20:30:0.5"),
+    }
 }
 
 /// Flags of `cargo xtask rd-curve`.
@@ -55,16 +67,16 @@ pub struct CurveOptions {
     /// Depth of the uniform octree [default: chosen by rendering, deeper at higher rates]
     #[arg(long)]
     pub(crate) depth: Option<u8>,
-    /// Depths of the adaptive octree, LOW:HIGH of the paper's criteria [default: about the uniform depth]
-    #[arg(long, value_parser = depths)]
-    pub(crate) adaptive: Option<(u8, u8)>,
-    /// Fine-tune each voxelized model against the training photos for this many steps [default:
-    /// none; experiments: 400]
-    #[arg(long, value_name = "STEPS", value_parser = clap::value_parser!(u64).range(1..))]
+    /// The paper's criteria, LOW:HIGH or LOW:HIGH:V:TAU1:TAU2 (20 %, 30 Gaussians, 0.5 sides), or released:LOW for its
+    /// authors' code [default: about the uniform depth, as in the paper]
+    #[arg(long, value_name = "CRITERIA", value_parser = criteria)]
+    pub(crate) adaptive: Option<Strategy>,
+    /// Steps of the paper's fine-tune, one training photo each; 0 for none [default: 400, with --quick 0; the paper: 8000]
+    #[arg(long, value_name = "STEPS")]
     pub(crate) finetune: Option<u64>,
-    /// One of the paper's experiments instead of the default curves
-    #[arg(long)]
-    pub(crate) experiment: Option<Experiment>,
+    /// Where the paper's fine-tune computes: cpu, gpu, or auto for a GPU if there is one
+    #[arg(long, value_name = "WHERE", default_value = "cpu")]
+    pub(crate) backend: Backend,
     /// Draw the curve of `gsvx tune` too, by effort: quick, normal (the default) or long [default: quick for the room,
     /// unless --quick is given; none for other scenes]
     #[arg(long, value_name = "EFFORT", num_args = 0..=1, require_equals = true,
@@ -83,6 +95,8 @@ const LOW: f32 = 20.0;
 const HIGH: f32 = 90.0;
 /// `--quick`: held-out views and rates.
 const QUICK: (usize, usize) = (2, 5);
+/// Steps of the paper's fine-tune: about a minute on two cores. The paper takes 8000.
+const STEPS: u64 = 400;
 
 impl CurveOptions {
     /// Those of `cargo xtask rd-curve SCENE`, without flags.
@@ -97,9 +111,15 @@ impl CurveOptions {
 
     /// What a newcomer runs shows the best: of the room the tuned curve takes seconds.
     pub(super) fn with_tuned_room(mut self) -> Self {
-        let room = self.scene == crate::scenes::DEFAULT && !self.quick && self.experiment.is_none();
+        let room = self.scene == crate::scenes::DEFAULT && !self.quick;
         self.tune = self.tune.or(room.then_some(TuneEffort::Quick));
         self
+    }
+
+    /// The paper's fine-tune, if there is to be one.
+    pub(super) fn tuning(&self) -> Option<Tuning> {
+        let steps = self.finetune.unwrap_or(if self.quick { 0 } else { STEPS });
+        (steps > 0).then_some(Tuning { steps, initialised: true, backend: self.backend })
     }
 
     fn rates(&self) -> usize {
@@ -123,10 +143,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn depths_ascend_and_are_possible() {
-        assert_eq!(depths("9:14").unwrap(), (9, 14));
-        for bad in ["9", "9:x", "14:9", "9:22", ""] {
-            assert!(depths(bad).is_err(), "{bad}");
+    fn criteria_are_read() {
+        assert_eq!(criteria("9:14").unwrap(), Strategy::paper(9, 14));
+        assert_eq!(criteria("9:14:20:30:0.5").unwrap(), Strategy::paper(9, 14));
+        assert_eq!(criteria("released:9").unwrap(), Strategy::Released(Released::new(9)));
+        for bad in
+            ["9", "9:x", "14:9", "9:22", "", "9:14:1", "9:14:200:3:1", "9:14:1:3:NaN", "released:x"]
+        {
+            assert!(criteria(bad).is_err(), "{bad}");
         }
     }
 }

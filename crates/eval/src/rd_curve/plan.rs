@@ -2,10 +2,11 @@
 
 use anyhow::{Result, bail};
 use gs_model::{Camera, Scene};
-use paper::{CovarianceCoding, Qp};
+use paper::{CovarianceCoding, PaperOptions, Qp};
 use voxel::{Merge, Strategy};
 
 use super::options::CurveOptions;
+use super::tune::Tuning;
 use crate::progress::Bar;
 
 /// Depths among which the uniform depth is chosen.
@@ -31,8 +32,10 @@ pub(crate) struct Voxels {
 /// Where the octree stops.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Rule {
-    /// As given.
+    /// As given, merged as gsvx merges.
     Fixed(Strategy),
+    /// As given, initialised as the paper does (section 3.3).
+    Paper(Strategy),
     /// The codec's default at a quality: rate-distortion pruning.
     Default(f32, Sight),
 }
@@ -53,12 +56,22 @@ impl Voxels {
     pub(crate) fn fixed(strategy: Strategy) -> Self {
         let (name, what) = match &strategy {
             Strategy::Uniform { depth } => (format!("uniform-{depth}"), format!("depth {depth}")),
-            Strategy::Paper { j_low, j_high, .. } => {
-                (format!("paper-criteria-{j_low}-{j_high}"), format!("depths {j_low} to {j_high}"))
+            Strategy::Paper { large_percent, j_low, j_high, tau1, tau2 } => (
+                format!("criteria-{j_low}-{j_high}-v{large_percent}-{tau1}-{tau2}"),
+                format!("depths {j_low} to {j_high}"),
+            ),
+            Strategy::Released(r) => {
+                (format!("released-{}", r.j_low), format!("released code from depth {}", r.j_low))
             }
             other => (slug(&format!("{other:?}")), format!("{other:?}")),
         };
         Self { name, what, rule: Rule::Fixed(strategy) }
+    }
+
+    /// As the paper voxelizes and initialises.
+    pub(crate) fn paper(strategy: Strategy) -> Self {
+        let Self { name, what, .. } = Self::fixed(strategy.clone());
+        Self { name: format!("paper-{name}"), what, rule: Rule::Paper(strategy) }
     }
 
     /// The codec's default at a quality.
@@ -76,15 +89,22 @@ impl Voxels {
     }
 }
 
-/// One curve to make: qualities grouped by the voxelization they are coded with.
+/// The paper's criteria about a uniform depth, as the paper has them about Playroom's (8 to 16 about 11).
+pub(crate) fn criteria(uniform: u8) -> Strategy {
+    Strategy::paper(uniform.saturating_sub(3).max(1), (uniform + 5).min(20))
+}
+
+/// One curve to make: codings grouped by the voxelization they have.
 #[derive(Clone, Debug)]
 pub(crate) struct CurvePlan {
     /// Short name, the same in all tables, legends and (as [`slug`]) file names.
     pub(crate) name: &'static str,
     /// One line for the legend.
     pub(crate) what: String,
-    /// Each voxelization with its qualities, ascending.
-    pub(crate) steps: Vec<(Voxels, Vec<f32>)>,
+    /// The fine-tune of each voxelized model.
+    pub(crate) tuning: Option<Tuning>,
+    /// Each voxelization with its codings, ascending.
+    pub(crate) steps: Vec<(Voxels, Vec<Coding>)>,
 }
 
 /// How many levels the octree of a quality is deeper than the base depth. At low rates geometry is
@@ -102,7 +122,8 @@ fn levels_deeper(quality: f32) -> i32 {
 
 /// The curves of a run; those that `options` ask for, around the depth `base`.
 pub(crate) fn curves(base: u8, options: &CurveOptions, qualities: &[f32]) -> Vec<CurvePlan> {
-    let CurveOptions { depth, adaptive, sights, .. } = *options;
+    let CurveOptions { depth, sights, .. } = *options;
+    let given = &options.adaptive;
     let shifted = |by: i32| (i32::from(base) + by).clamp(1, 20) as u8;
     let uniform = |q: f32| {
         let depth = depth.unwrap_or_else(|| shifted(levels_deeper(q)));
@@ -110,35 +131,51 @@ pub(crate) fn curves(base: u8, options: &CurveOptions, qualities: &[f32]) -> Vec
     };
     let paper = |q: f32| {
         let by = levels_deeper(q);
-        let (low, high) = adaptive.unwrap_or_else(|| (shifted(by - 1), shifted(by + 2)));
-        Voxels::fixed(Strategy::paper(low, high))
+        let about = || Strategy::paper(shifted(by - 1), shifted(by + 2));
+        Voxels::fixed(given.clone().unwrap_or_else(about))
     };
     let plan = |name, what: &str, voxels: &dyn Fn(f32) -> Voxels| {
-        let mut steps: Vec<(Voxels, Vec<f32>)> = Vec::new();
+        let mut steps: Vec<(Voxels, Vec<Coding>)> = Vec::new();
         for &q in qualities {
             match steps.last_mut() {
-                Some((last, list)) if *last == voxels(q) => list.push(q),
-                _ => steps.push((voxels(q), vec![q])),
+                Some((last, list)) if *last == voxels(q) => list.push(Coding::Quality(q)),
+                _ => steps.push((voxels(q), vec![Coding::Quality(q)])),
             }
         }
-        let parameters = |s: Option<&(Voxels, Vec<f32>)>| s.map_or("", |(v, _)| &v.what).to_owned();
+        let parameters =
+            |s: Option<&(Voxels, Vec<Coding>)>| s.map_or("", |(v, _)| &v.what).to_owned();
         let (first, last) = (parameters(steps.first()), parameters(steps.last()));
         let span = if first == last {
             first
         } else {
             format!("{first} at the smallest size, {last} at the largest")
         };
-        CurvePlan { name, what: format!("{what}, {span}"), steps }
+        CurvePlan { name, what: format!("{what}, {span}"), tuning: None, steps }
     };
     let mut curves = vec![
         plan(UNIFORM, "gsvx's coding, every leaf of the octree at one depth", &uniform),
         plan(PAPER_CRITERIA, "gsvx's coding, leaves by the paper's adaptive criteria", &paper),
-        plan(
-            PAPER_CODING,
-            "the uniform octree, coded as the paper does (RAHT and RLGR at its parameters, covariances by a codebook)",
-            &uniform,
-        ),
     ];
+    // The paper: one model at all its rates, uniform and by its criteria, of which the hull takes the better.
+    let strategies = [
+        Strategy::Uniform { depth: depth.unwrap_or(base) },
+        given.clone().unwrap_or_else(|| criteria(base)),
+    ];
+    for (name, tuning) in [(PAPER, None), (PAPER_TUNED, options.tuning())] {
+        let steps = strategies.iter().map(|s| (Voxels::paper(s.clone()), paper_codings()));
+        let steps: Vec<_> = steps.collect();
+        let [uniform, adaptive] = [&steps[0].0.what, &steps[1].0.what];
+        let tuned = match tuning {
+            Some(Tuning { steps, .. }) => format!("fine-tuned for {steps} steps"),
+            None if name == PAPER_TUNED => continue,
+            None => "not fine-tuned".into(),
+        };
+        let what = format!(
+            "the paper's voxelization, initialisation and coding, {tuned}: uniform ({uniform}) and by its criteria \
+             ({adaptive}), covariances by a codebook and without loss"
+        );
+        curves.push(CurvePlan { name, what, tuning, steps });
+    }
     if sights {
         let seen = |sight: Sight| move |q: f32| Voxels::seen(q, sight);
         curves.push(plan(NO_CAMERAS, "gsvx without cameras", &seen(Sight::NoCameras)));
@@ -153,7 +190,8 @@ pub(crate) fn curves(base: u8, options: &CurveOptions, qualities: &[f32]) -> Vec
 /// Names of the curves.
 pub(crate) const UNIFORM: &str = "uniform";
 pub(crate) const PAPER_CRITERIA: &str = "paper's criteria";
-pub(crate) const PAPER_CODING: &str = "paper's coding";
+pub(crate) const PAPER: &str = "paper, not tuned";
+pub(crate) const PAPER_TUNED: &str = "paper, fine-tuned";
 pub(crate) const NO_CAMERAS: &str = "gsvx, no cameras";
 pub(crate) const ALL_KEPT: &str = "gsvx, unseen kept";
 pub(crate) const GSVX: &str = "gsvx";
@@ -174,8 +212,10 @@ pub(crate) enum Coding {
     Paper {
         /// The quality under which the QPs appear in tables.
         quality: f32,
-        /// Its QPs and its way of coding covariances.
-        options: paper::PaperOptions,
+        /// Its QPs.
+        qp: Qp,
+        /// Whether covariances are coded without loss, or by a codebook.
+        lossless: bool,
     },
 }
 
@@ -189,32 +229,21 @@ pub(crate) const PAPER_QPS: [(u8, u8, u8, f32); 6] = [
     (28, 4, 4, 76.0),
     (16, 4, 4, 90.0),
 ];
-/// Codewords of the paper's lossy covariance, as a power of two.
-const CODEBOOK_BITS: u8 = 12;
+
+/// The paper's coding of one model: all triples with the codebook, and the upper half without loss.
+pub(crate) fn paper_codings() -> Vec<Coding> {
+    let coding = |lossless| {
+        move |&(ac, dc, opacity, quality): &(u8, u8, u8, f32)| Coding::Paper {
+            quality,
+            qp: Qp { ac, dc, opacity },
+            lossless,
+        }
+    };
+    let upper = PAPER_QPS[PAPER_QPS.len() / 2..].iter().map(coding(true));
+    PAPER_QPS.iter().map(coding(false)).chain(upper).collect()
+}
 
 impl Coding {
-    /// The coding of a curve at a quality.
-    pub(crate) fn of(curve: &str, quality: f32) -> Self {
-        if curve != PAPER_CODING {
-            return Self::Quality(quality);
-        }
-        // The triple whose quality is nearest.
-        let index = PAPER_QPS.iter().position(|p| quality < p.3 + 7.0);
-        Self::of_triple(index.unwrap_or(PAPER_QPS.len() - 1), false, Some(quality))
-    }
-
-    /// The paper's coding at one of its triples.
-    pub(crate) fn of_triple(index: usize, lossless_covariance: bool, quality: Option<f32>) -> Self {
-        let (ac, dc, opacity, own) = PAPER_QPS[index.min(PAPER_QPS.len() - 1)];
-        let quality = quality.unwrap_or(own);
-        let covariance = match lossless_covariance {
-            true => CovarianceCoding::Lossless,
-            false => CovarianceCoding::Lossy { codebook_bits: CODEBOOK_BITS },
-        };
-        let options = paper::PaperOptions { qp: Qp { ac, dc, opacity }, covariance };
-        Self::Paper { quality, options }
-    }
-
     /// The quality, also of the paper's coding.
     pub(crate) fn quality(&self) -> f32 {
         match *self {
@@ -224,24 +253,25 @@ impl Coding {
 
     /// File-name part.
     pub(crate) fn name(&self) -> String {
-        let lossless = self.paper().is_some_and(|o| o.covariance == CovarianceCoding::Lossless);
+        let lossless = matches!(self, Self::Paper { lossless: true, .. });
         format!("q{:.0}{}", self.quality(), if lossless { "-lossless" } else { "" })
     }
 
     /// The paper's QPs in words.
     pub(crate) fn paper_setting(&self) -> Option<String> {
-        let paper::PaperOptions { qp, covariance } = self.paper()?;
-        let lossless = *covariance == CovarianceCoding::Lossless;
-        let covariance = if lossless { ", lossless covariance" } else { "" };
+        let Self::Paper { qp, lossless, .. } = self else { return None };
+        let covariance = if *lossless { ", lossless covariance" } else { "" };
         Some(format!("QP {}/{}/{}{covariance}", qp.ac, qp.dc, qp.opacity))
     }
 
-    /// The paper's coding, if it is that.
-    pub(crate) fn paper(&self) -> Option<&paper::PaperOptions> {
-        match self {
-            Self::Paper { options, .. } => Some(options),
-            Self::Quality(_) => None,
-        }
+    /// Options of the paper's coding of so many Gaussians.
+    pub(crate) fn paper(&self, gaussians: usize) -> Option<PaperOptions> {
+        let &Self::Paper { qp, lossless, .. } = self else { return None };
+        let covariance = match lossless {
+            true => CovarianceCoding::Lossless,
+            false => CovarianceCoding::codebook_for(gaussians),
+        };
+        Some(PaperOptions { qp, covariance })
     }
 }
 
@@ -279,32 +309,48 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_quality_has_its_qp_triple() {
-        let setting = |q| Coding::of(PAPER_CODING, q).paper_setting().unwrap();
-        assert_eq!(setting(20.0), "QP 40/28/40");
-        assert_eq!((setting(34.0), setting(62.0)), ("QP 38/16/28".into(), "QP 31/4/16".into()));
-        assert_eq!((setting(90.0), setting(100.0)), ("QP 16/4/4".into(), "QP 16/4/4".into()));
-        assert_eq!(Coding::of("uniform", 20.0), Coding::Quality(20.0));
-        let lossless = Coding::of_triple(3, true, None);
-        assert_eq!(lossless.name(), "q62-lossless");
-        assert!(lossless.paper_setting().unwrap().contains("lossless"));
+    fn the_paper_is_coded_at_six_triples_and_in_both_modes() {
+        let all = paper_codings();
+        let settings: Vec<String> = all.iter().filter_map(Coding::paper_setting).collect();
+        assert_eq!(settings[0], "QP 40/28/40");
+        assert_eq!(settings[6..].len(), 3);
+        assert!(settings[6..].iter().all(|s| s.ends_with(", lossless covariance")));
+        assert_eq!(all[6].name(), "q62-lossless");
+    }
+
+    /// Fine-tuned unless that is not wanted, uniform and by the criteria at the paper's distance.
+    #[test]
+    fn the_paper_is_its_whole_chain() {
+        let mut options = CurveOptions::of("room").unwrap();
+        let names = |options: &CurveOptions| -> Vec<&str> {
+            curves(11, options, &[50.0, 60.0]).iter().map(|c| c.name).collect()
+        };
+        assert_eq!(names(&options), [UNIFORM, PAPER_CRITERIA, PAPER, PAPER_TUNED, GSVX]);
+        let plans = curves(11, &options, &[50.0, 60.0]);
+        let rules: Vec<&Rule> = plans[3].steps.iter().map(|s| &s.0.rule).collect();
+        let uniform = Rule::Paper(Strategy::Uniform { depth: 11 });
+        assert_eq!(rules, [&uniform, &Rule::Paper(Strategy::paper(8, 16))]);
+        assert!(plans[3].tuning.is_some_and(|t| t.steps == 400 && t.initialised));
+        assert!(plans[2].tuning.is_none() && plans[4].tuning.is_none());
+        options.finetune = Some(0);
+        assert!(!names(&options).contains(&PAPER_TUNED));
     }
 
     #[test]
     fn names_of_curves_become_parts_of_links() {
         assert_eq!(slug(PAPER_CRITERIA), "paper-criteria");
-        assert_eq!(slug("adaptive, paper's coding-uniform-9"), "adaptive-paper-coding-uniform-9");
+        assert_eq!(slug(PAPER), "paper-not-tuned");
     }
 
     #[test]
     fn qualities_of_one_voxelization_stay_together() {
         let mut options = CurveOptions::of("room").unwrap();
         let q = options.qualities().unwrap();
-        for plan in curves(11, &options, &q) {
-            let all: Vec<f32> = plan.steps.iter().flat_map(|(_, q)| q.clone()).collect();
-            assert_eq!(all, q, "{}", plan.name);
+        for plan in curves(11, &options, &q).iter().filter(|p| !p.name.starts_with("paper,")) {
+            let all = plan.steps.iter().flat_map(|(_, codings)| codings);
+            assert!(all.map(Coding::quality).eq(q.iter().copied()), "{}", plan.name);
         }
-        (options.depth, options.adaptive) = (Some(12), Some((9, 14)));
+        (options.depth, options.adaptive) = (Some(12), Some(Strategy::paper(9, 14)));
         let fixed = curves(11, &options, &q);
         assert_eq!((fixed[0].steps.len(), fixed[1].steps.len()), (1, 1));
         assert_eq!(fixed[0].steps[0].0.rule, Rule::Fixed(Strategy::Uniform { depth: 12 }));

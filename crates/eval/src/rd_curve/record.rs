@@ -68,13 +68,6 @@ pub(crate) struct Tuned {
     pub(crate) file: String,
 }
 
-impl Tuned {
-    /// PSNR at its end, dB.
-    pub(crate) fn last_db(&self) -> f64 {
-        self.held_out_db.last().map_or(f64::NAN, |l| l.1)
-    }
-}
-
 /// One stream, decoded and scored.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct Coded {

@@ -34,6 +34,7 @@ pub fn run(options: &SizeOptions) -> Result<()> {
     for scene in &options.scenes {
         let mut of_scene = super::options::CurveOptions::of(scene)?;
         of_scene.sights = true;
+        of_scene.finetune = Some(0);
         runs.push(super::curves(&Study::open(&of_scene)?, &of_scene, &of_scene.qualities()?)?);
     }
     let scenes: Vec<&str> = runs.iter().map(|r| r.scene.as_str()).collect();

@@ -3,10 +3,10 @@
 
 use std::cell::OnceCell;
 
-use crate::voxelized::voxelized;
 use anyhow::{Context, Result, ensure};
 use gs_model::Scene;
 use gsvx::{EncodeOptions, Prepared};
+use voxel::{Importance, Merge, Strategy};
 
 use super::plan::{Coding, Rule, Sight, Voxels, slug};
 use super::record::{Coded, VoxelizedRecord};
@@ -71,10 +71,8 @@ impl<'a> Branch<'a> {
 
     fn prepared(&self, scene: &Scene, importance: Option<Vec<f32>>) -> Result<Prepared> {
         match &self.plan.rule {
-            Rule::Fixed(strategy) => {
-                let guess = || gsvx::importance::without_cameras(scene);
-                Ok(voxelized(scene, strategy, importance.unwrap_or_else(guess))?)
-            }
+            Rule::Fixed(strategy) => voxelized(scene, strategy, Merge::Moments, importance),
+            Rule::Paper(strategy) => voxelized(scene, strategy, Merge::Paper, importance),
             &Rule::Default(quality, sight) => {
                 let mut options = EncodeOptions::from_quality(quality)?;
                 options.importance = importance.filter(|_| sight != Sight::NoCameras);
@@ -117,22 +115,22 @@ impl<'a> Branch<'a> {
         let name = format!("{}-{}", slug(curve), coding.name());
         let stage = format!("code-{name}");
         let settings = (self.key(), format!("{coding:?}"));
-        let extension = if coding.paper().is_some() { "paper" } else { "gsvx" };
+        let extension = if coding.paper_setting().is_some() { "paper" } else { "gsvx" };
         if let Some(record) = study.cache.find(&stage, &settings, |r| study.has_stream(r))? {
             return Ok(record);
         }
 
         let Prepared { scene: merged, voxels, importance, .. } = &self.model()?.prepared;
         let mut parts = Vec::new();
-        let encode = || match coding {
-            Coding::Quality(quality) => {
-                let mut options = EncodeOptions::from_quality(quality)?;
+        let encode = || match coding.paper(merged.len()) {
+            None => {
+                let mut options = EncodeOptions::from_quality(coding.quality())?;
                 options.importance = Some(importance.clone());
                 let encoded = gsvx::encode_voxels(merged, voxels.octree(), None, &options)?;
                 parts = encoded.parts();
                 Ok(encoded.bytes)
             }
-            Coding::Paper { options, .. } => {
+            Some(options) => {
                 let encoded = paper::encode(merged, voxels.octree(), Some(importance), &options)?;
                 parts = encoded.parts;
                 Ok(encoded.bytes)
@@ -156,4 +154,20 @@ impl<'a> Branch<'a> {
         study.cache.store(&stage, &settings, &record)?;
         Ok(record)
     }
+}
+
+/// Voxelizes and merges by any strategy, where [`gsvx::prepare`] knows only its own. Importances are guessed if there
+/// are none; the paper's merging does not use them, its codebook does.
+fn voxelized(
+    scene: &Scene,
+    strategy: &Strategy,
+    merge: Merge,
+    importance: Option<Vec<f32>>,
+) -> Result<Prepared> {
+    let importance = importance.unwrap_or_else(|| gsvx::importance::without_cameras(scene));
+    let voxels = voxel::voxelize(scene, &voxel::cube_of(&scene.means)?, strategy)?;
+    let of_leaves = voxels.sums(&importance);
+    let weights = Importance::Given(importance);
+    let merged = voxel::Merging::new(scene, &voxels, merge, &weights)?.scene();
+    Ok(Prepared { scene: merged, voxels, importance: of_leaves, outliers: None })
 }

@@ -6,9 +6,9 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context, Result};
+use finetune::Backend;
 use gs_model::Scene;
 use gsvx::Prepared;
-use serde::Serialize;
 use tune::{FineTune, FineTuneOptions};
 
 use super::record::Tuned;
@@ -19,12 +19,14 @@ use crate::progress::Bar;
 use crate::usage;
 
 /// How a voxelized model is fine-tuned.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Tuning {
     /// Steps, one training view each.
     pub(crate) steps: u64,
     /// Whether it begins with the merged attributes, or with none.
     pub(crate) initialised: bool,
+    /// Where it computes.
+    pub(crate) backend: Backend,
 }
 
 /// How often the held-out views are scored, the end included.
@@ -79,7 +81,7 @@ fn fine_tune(
     tuning: Tuning,
     checkpoint: &Path,
 ) -> Result<(Scene, Tuned)> {
-    let Tuning { steps, initialised } = tuning;
+    let Tuning { steps, initialised, backend } = tuning;
     let bar = Bar::new(&format!("fine-tune {name}"), steps);
     let score =
         |scene: &Scene| measure::score(scene, &study.test.held_out, &Bar::hidden()).0.psnr_db;
@@ -88,6 +90,7 @@ fn fine_tune(
         steps,
         checkpoint: Some(checkpoint.to_owned()),
         checkpoint_every: (steps / STOPS).max(1),
+        backend,
         ..Default::default()
     };
     usage::reset_peak();

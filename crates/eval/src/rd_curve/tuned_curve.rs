@@ -1,12 +1,16 @@
 //! The curve of `gsvx tune`: pruned and tuned with the codec in the loop, by the library that the command calls.
 
 use anyhow::{Context, Result};
+use gsvx::EncodeOptions;
 use tune::{Target, Targets, Tune, TuneEffort, TuneOptions};
 
 use super::plan::{TUNED, slug};
 use super::record::{Coded, Curve};
+use super::streams::QUALITIES;
 use super::study::Study;
+use crate::bd::Point;
 use crate::cache::Cache;
+use crate::measure::Metric;
 use crate::progress::Bar;
 use crate::round_trip::round_trip;
 
@@ -46,4 +50,31 @@ fn point(study: &Study, cache: &Cache, effort: TuneEffort, quality: f32) -> Resu
     let record = Coded { quality, ..Coded::of(trip, stream, parts) };
     cache.store(&stage, &quality, &record)?;
     Ok(record)
+}
+
+/// The quality at which one tune serves all rates.
+const ONE_TUNE: f32 = 66.0;
+
+/// Points of one tune, whose model is coded at all qualities, and of a tune for each.
+pub(crate) fn one_tune(study: &Study) -> Result<[Vec<Point>; 2]> {
+    let each = curve(study, TuneEffort::Quick, &QUALITIES)?;
+    let tuned = each.points.iter().find(|p| p.quality == ONE_TUNE).context("no such tune")?;
+    let stream = std::fs::read(study.out.join(&tuned.stream)).context("read the tuned stream")?;
+    let model = gsvx::decode(&stream)?;
+    let seen = finetune::saliency(&model, &study.test.training).squared;
+    let again = QUALITIES.map(|quality| -> Result<Point> {
+        let mut options = EncodeOptions::from_quality(quality)?;
+        (options.importance, options.drop_unseen) = (Some(seen.clone()), true);
+        let encode = || {
+            let made = gsvx::prepare(&model, &options)?;
+            options.importance = Some(made.importance);
+            Ok(gsvx::encode_voxels(&made.scene, made.voxels.octree(), None, &options)?.bytes)
+        };
+        let decode = |bytes: &[u8]| Ok(gsvx::decode(bytes)?);
+        let trip =
+            round_trip(&format!("one tune, {quality}"), &study.test.held_out, encode, decode)?;
+        Ok(Point { rate: trip.stream.len() as f64, score: trip.score.psnr_db })
+    });
+    let one = again.into_iter().collect::<Result<Vec<Point>>>()?;
+    Ok([one, each.rates(Metric::Psnr)])
 }

@@ -75,9 +75,6 @@ fn render_block(out: &mut String, block: &Block, section: usize) -> Result<()> {
             out.push_str("</ul>\n");
         }
         Block::Table(table) => render_table(out, table),
-        Block::Chart(chart, _) => {
-            let _ = writeln!(out, "<figure class=\"chart\">\n{}</figure>", chart.inline()?);
-        }
         Block::Charts(charts) => {
             let labels: Vec<&str> = charts.iter().map(|c| c.name).collect();
             begin_choice(out, "Metric", &labels, 0, &format!("s{section}m"));

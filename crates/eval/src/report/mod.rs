@@ -5,7 +5,6 @@ pub(crate) mod headline;
 mod html;
 pub(crate) mod run;
 pub(crate) mod sections;
-pub(crate) mod tunes;
 
 use std::fs;
 use std::path::Path;
@@ -50,8 +49,6 @@ pub(crate) enum Block {
     List(Vec<String>),
     /// A table.
     Table(Table),
-    /// A chart and the stem of its file.
-    Chart(Chart, String),
     /// Charts of the same curves by other metrics, to flip through; the first is shown.
     Charts(Vec<NamedChart>),
     /// Crops of views to flip through.
@@ -89,12 +86,8 @@ impl Document {
             fs::write(&path, bytes).with_context(|| format!("write {}", path.display()))
         };
         for block in self.sections.iter().flat_map(|s| &s.blocks) {
-            let charts: Vec<(&Chart, &String)> = match block {
-                Block::Chart(chart, stem) => vec![(chart, stem)],
-                Block::Charts(all) => all.iter().map(|c| (&c.chart, &c.stem)).collect(),
-                _ => continue,
-            };
-            for (chart, stem) in charts {
+            let Block::Charts(charts) = block else { continue };
+            for NamedChart { chart, stem, .. } in charts {
                 put(&format!("{stem}.svg"), chart.svg()?.as_bytes())?;
             }
         }
@@ -143,7 +136,11 @@ mod tests {
             sections: vec![
                 Section::open(
                     "Curves",
-                    vec![Block::Chart(crate::chart::tests::sample(), "rd".into())],
+                    vec![Block::Charts(vec![NamedChart {
+                        name: "PSNR",
+                        chart: crate::chart::tests::sample(),
+                        stem: "rd".into(),
+                    }])],
                 ),
                 Section::folded("All", vec![Block::Table(table), Block::List(vec!["one".into()])]),
             ],

@@ -196,7 +196,7 @@ fn voxelizations(run: &Run) -> Section {
 }
 
 fn spent(run: &Run) -> Section {
-    // The paper's coding has other parts than gsvx.
+    // The paper has other parts than gsvx.
     let mut names: Vec<&str> = Vec::new();
     for (name, _) in run.curves.iter().flat_map(|c| &c.points).flat_map(|p| &p.parts) {
         if !names.contains(&name.as_str()) {

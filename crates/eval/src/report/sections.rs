@@ -1,4 +1,4 @@
-//! Parts that the default run and the experiments share.
+//! Parts of a report that show curves of others and differences of curves.
 
 use super::{Block, Section, megabits};
 use crate::bd::{self, Point};

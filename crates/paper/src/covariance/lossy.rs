@@ -24,13 +24,14 @@ const CODEBOOK: &str = "codebook";
 const INDICES: &str = "codebook indices";
 const FACTORS: &str = "scale factors";
 
-/// Codes the covariances of a scene that has Gaussians. Without sensitivities, opacity and size stand in.
+/// Codes the covariances of a scene that has Gaussians, and says how many of the bytes are indices. Without
+/// sensitivities, opacity and size stand in.
 pub(super) fn encode(
     scene: &Scene,
     plan: &RahtPlan,
     codebook_bits: u8,
     sensitivities: Option<&[f32]>,
-) -> Result<Vec<u8>> {
+) -> Result<(Vec<u8>, usize)> {
     let both = scene.rotations.iter().zip(&scene.log_scales);
     let split: Vec<_> =
         both.map(|(&q, &l)| vq::Covariance::split(q, l)).collect::<Result<_, _>>()?;
@@ -51,10 +52,12 @@ pub(super) fn encode(
     }
     let mut coder = RansEncoder::default();
     code_indices(&mut coder, &mut book.assign(&covariances), codewords.len());
+    let before = out.len();
     put_block(&mut out, &coder.finish());
+    let indices = out.len() - before;
     let factors = factors.into_iter().map(f64::from).collect();
     out.extend(encode_channel(plan, factors, LOG_SCALE_FACTOR_STEP, FACTORS)?);
-    Ok(out)
+    Ok((out, indices))
 }
 
 /// Decodes what [`encode`] coded.
