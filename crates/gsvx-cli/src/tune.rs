@@ -1,5 +1,6 @@
 //! `gsvx tune`.
 
+use crate::compare::words;
 use crate::content::quality;
 use crate::exit::{missed, note, usage};
 use crate::follow::{Follower, duration};
@@ -14,6 +15,7 @@ use crate::views::{self, Origin, Placed};
 use crate::{interrupt, photos, pictures, size};
 use anyhow::{Context, Result, bail};
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use finetune::metrics::Scores;
 use finetune::{Backend, RenderOptions, render};
 use gs_model::{Camera, Scene};
 use gsvx::EncodeOptions;
@@ -316,7 +318,7 @@ fn announce(run: &Tune, gaussians: usize, distilled: bool, effort: TuneEffort) {
             "input model: {gaussians} Gaussians; {views} renders of it are the targets"
         ));
     } else {
-        let db = run.input_psnr();
+        let db = run.input_scores().psnr;
         note(format_args!("input model: {gaussians} Gaussians, {db:.2} dB {judge}"));
     }
     let done = match run.steps_done() {
@@ -364,7 +366,7 @@ fn tell(
     let gaussians = outcome.scene.len();
     let of = match distilled {
         true => "renders of the input".into(),
-        false => format!("the photos kept aside (input model: {:.2} dB)", outcome.input_psnr),
+        false => format!("the photos kept aside (input model: {})", words(&outcome.input_scores)),
     };
     let elsewhere = outcome.against_input.map_or(String::new(), |shown| {
         let AgainstInput { nearby, around, .. } = shown;
@@ -375,12 +377,13 @@ fn tell(
         format!("; elsewhere {:.2} dB from renders of the input{both}", shown.elsewhere())
     });
     let human = format!(
-        "{} steps in {:.1} s: {ended}\n{name}: {gaussians} Gaussians, {}; {:.2} dB at {of}{elsewhere}",
+        "{} steps in {:.1} s: {ended}\n{name}: {gaussians} Gaussians, {}; {} at {of}{elsewhere}",
         outcome.steps,
         outcome.seconds,
         DecimalBytes(bytes),
-        outcome.psnr,
+        words(&outcome.scores),
     );
+    let input = |score: fn(Scores) -> f64| (!distilled).then(|| score(outcome.input_scores));
     let json = json!({
         "output": name,
         "cameras": origin.map(Origin::json),
@@ -388,8 +391,12 @@ fn tell(
         "outliers": outcome.outliers,
         "bytes": bytes,
         "counted_bytes": outcome.counted_bytes,
-        "psnr": outcome.psnr,
-        "input_psnr": (!distilled).then_some(outcome.input_psnr),
+        "psnr": outcome.scores.psnr,
+        "ssim": outcome.scores.ssim,
+        "ssimulacra2": outcome.scores.ssimulacra2,
+        "input_psnr": input(|s| s.psnr),
+        "input_ssim": input(|s| s.ssim),
+        "input_ssimulacra2": input(|s| s.ssimulacra2),
         "elsewhere_psnr": outcome.against_input.map(|shown| shown.elsewhere()),
         "quality": outcome.quality,
         "distilled": distilled,
@@ -400,7 +407,7 @@ fn tell(
         "parts": parts(&outcome.encoded.parts()),
     });
     report.say(false, &human, &json)?;
-    if loss(outcome.psnr, outcome.input_psnr) < finetune::Likeness::POOR {
+    if loss(outcome.scores.psnr, outcome.input_scores.psnr) < finetune::Likeness::POOR {
         note(format_args!(
             "warning: the loss is easy to see; use a higher --quality, or a larger target"
         ));
@@ -426,7 +433,7 @@ fn tell(
         ))),
         (false, Target::Psnr(db)) => Err(missed(format!(
             "{name}: written, but {:.2} dB are below the target of {db} dB",
-            outcome.psnr
+            outcome.scores.psnr
         ))),
     }
 }

@@ -3,7 +3,8 @@
 use crate::arrays::SplatArrays;
 use crate::background::{pool, run};
 use crate::cameras::CameraArrays;
-use finetune::{Image, RenderOptions, metrics};
+use finetune::metrics::Scores;
+use finetune::{Image, RenderOptions};
 use numpy::{PyArray1, PyArray3, PyArrayMethods};
 use pyo3::prelude::*;
 
@@ -42,7 +43,7 @@ pub(crate) fn compare<'py>(
     model: SplatArrays<'py>,
     cameras: CameraArrays<'py>,
     progress: Option<Bound<'py, PyAny>>,
-) -> PyResult<Vec<(f64, f64)>> {
+) -> PyResult<Vec<(f64, f64, f64)>> {
     let pool = pool()?;
     let (a, b) = (reference.scene(&pool)?, model.scene(&pool)?);
     drop((reference, model));
@@ -52,7 +53,8 @@ pub(crate) fn compare<'py>(
         for camera in &cameras {
             let draw = |scene| finetune::render(scene, camera, &RenderOptions::default());
             let (reference, image) = (draw(&a), draw(&b));
-            scores.push((metrics::psnr(&image, &reference), metrics::ssim(&image, &reference)));
+            let Scores { psnr, ssim, ssimulacra2 } = Scores::of(&image, &reference);
+            scores.push((psnr, ssim, ssimulacra2));
             line.step("compare", scores.len(), cameras.len())?;
         }
         Ok(scores)

@@ -4,6 +4,7 @@ use crate::arrays::SplatArrays;
 use crate::background::{Event, Line, run};
 use crate::cameras::{CameraArrays, Cameras};
 use crate::error::{Fault, Result};
+use ::finetune::metrics::Scores;
 use ::finetune::{Photo, TrainView};
 use ::tune::{Layout, Photos, Progress, Target, Targets, Tune, TuneEffort, TuneOutcome};
 use gs_model::{Camera, Scene, chain};
@@ -92,11 +93,12 @@ pub(crate) fn tune<'py>(
     let Tuned { outcome, distilled, warnings } = run(py, pool, progress.as_ref(), move |line| {
         tune_scene(scene, cameras, photos, &options, line)
     })?;
-    let TuneOutcome { encoded, outliers, psnr, input_psnr, quality, steps, seconds, .. } = &outcome;
+    let TuneOutcome { encoded, outliers, scores, input_scores, quality, steps, seconds, .. } =
+        &outcome;
     let bytes = encoded.bytes.len();
     let missed = match target {
         _ if outcome.reached => None,
-        Target::Psnr(db) => Some(format!("{psnr:.2} dB are below the target of {db} dB")),
+        Target::Psnr(db) => Some(format!("{:.2} dB are below the target of {db} dB", scores.psnr)),
         Target::Bytes(most) => Some(format!("{bytes} bytes are above the target of {most}")),
         Target::Quality(_) => None,
     };
@@ -105,8 +107,11 @@ pub(crate) fn tune<'py>(
     out.set_item("gaussians", encoded.index.header.count)?;
     out.set_item("sh_degree", encoded.index.header.sh_degree)?;
     out.set_item("outliers", outliers)?;
-    out.set_item("psnr", psnr)?;
-    out.set_item("input_psnr", input_psnr)?;
+    for (of, Scores { psnr, ssim, ssimulacra2 }) in [("", scores), ("input_", input_scores)] {
+        out.set_item(format!("{of}psnr"), psnr)?;
+        out.set_item(format!("{of}ssim"), ssim)?;
+        out.set_item(format!("{of}ssimulacra2"), ssimulacra2)?;
+    }
     out.set_item("elsewhere_psnr", outcome.against_input.map(|shown| shown.elsewhere()))?;
     out.set_item("quality", quality)?;
     out.set_item("steps", steps)?;

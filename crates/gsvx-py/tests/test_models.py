@@ -158,7 +158,9 @@ def test_cameras_around_a_model_are_those_of_the_command(splats, command, tmp_pa
     want = json.loads(command("compare", MODEL, tmp_path / "s.gsvx", *turn, "--json"))["views"]
     got = gsvx.compare(splats, tmp_path / "s.gsvx", cameras).views
     assert [view.name for view in got] == [view["name"] for view in want]
-    assert np.allclose([view.psnr for view in got], [view["psnr"] for view in want], rtol=1e-6)
+    for score in ["psnr", "ssim", "ssimulacra2"]:
+        got_scores = [getattr(view, score) for view in got]
+        assert np.allclose(got_scores, [view[score] for view in want], rtol=1e-6)
     # All on one circle.
     eyes = [-np.asarray(m[:3, :3]).T @ m[:3, 3] for m in gsvx.orbit(splats, 8, full_circle=True).viewmats]
     far = np.linalg.norm(np.asarray(eyes) - np.mean(eyes, axis=0), axis=1)

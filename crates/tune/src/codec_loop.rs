@@ -34,7 +34,7 @@ pub(crate) const FITTED: u64 = 48;
 const _: () = assert!(FITTED.is_multiple_of(CODED), "a fit runs the codec");
 /// Price of a bit over that of a uniform quantiser at high rates. The latter is the derivative of
 /// `step^2 / 12` by the bits, `ln 2 / 6 step^2`.
-const PRICE: f64 = 8.0;
+const PRICE: f64 = 12.0;
 
 /// The latents, and what the codec made of them last.
 pub(crate) struct CodecLoop {
@@ -46,7 +46,7 @@ pub(crate) struct CodecLoop {
     /// The derivatives of the bits when the codec last ran here.
     pub(crate) prices: Vec<f32>,
     pub(crate) quality: f32,
-    /// MSE per bit for a DC step of 1.
+    /// Loss per bit for a DC step of 1.
     price: f64,
     pub(crate) steps: u64,
     pub(crate) done: u64,

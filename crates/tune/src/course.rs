@@ -71,8 +71,8 @@ impl Course {
         // With a target the quality was steered until the end: the last state is closest to it.
         if let (false, Target::Quality(_), Some((best, snapshot))) = (cancelled, goal.target, best)
         {
-            let (mse, _) = views.at_aside(&state.scene);
-            if best < cost(&state, mse) {
+            let (loss, _) = views.at_aside(&state.scene);
+            if best < cost(&state, loss) {
                 state.restore(snapshot)?;
             }
         }
@@ -80,9 +80,9 @@ impl Course {
     }
 }
 
-/// The cost of a state with this squared error at the views kept aside.
-fn cost(state: &CodecLoop, mse: f64) -> f64 {
-    mse + state.lambda() * 8.0 * state.bytes as f64
+/// The cost of a state with this loss at the views kept aside.
+fn cost(state: &CodecLoop, loss: f64) -> f64 {
+    loss + state.lambda() * 8.0 * state.bytes as f64
 }
 
 impl Work for Course {
@@ -128,11 +128,11 @@ impl Work for Course {
             Stage::Loop(state) => state.settle()?,
             Stage::Round { .. } => (),
         }
-        let (mse, psnr) = views.at_aside(self.stage.scene());
+        let (loss, psnr) = views.at_aside(self.stage.scene());
         self.aside_psnr = Some(psnr);
         let Stage::Loop(state) = &mut self.stage else { return Ok(()) };
         if state.done as f64 >= BEST_FROM * state.steps as f64 {
-            let cost = cost(state, mse);
+            let cost = cost(state, loss);
             if self.best.as_ref().is_none_or(|best| cost < best.0) {
                 self.best = Some((cost, state.snapshot()));
             }

@@ -19,11 +19,11 @@ pub(crate) fn plan(scene: &Scene, looked: &Looked, options: &TuneOptions) -> Res
     if let Some(plan) = options.plan {
         return plan.checked();
     }
-    let Looked { worth: Worth { removal, squared }, input_psnr, .. } = looked;
+    let Looked { worth: Worth { removal, squared }, input_scores, .. } = looked;
     let spare = Spare::new(removal, squared);
     let quality = match options.target {
         Target::Quality(quality) => quality,
-        Target::Psnr(db) => quality_for_psnr(db, *input_psnr),
+        Target::Psnr(db) => quality_for_psnr(db, input_scores.psnr),
         Target::Bytes(bytes) => {
             // The stream of a plan without any tuning.
             let probe = |quality: f32| {

@@ -1,5 +1,6 @@
 //! [`Progress`] and [`TuneOutcome`].
 
+use finetune::metrics::Scores;
 use finetune::{Backend, BackendReport};
 use gs_model::Scene;
 use gsvx::Encoded;
@@ -102,10 +103,10 @@ pub struct TuneOutcome {
     pub scene: Scene,
     /// The bytes that the loop counted.
     pub counted_bytes: u64,
-    /// PSNR of the input model at the views kept aside, dB.
-    pub input_psnr: f64,
-    /// PSNR of [`TuneOutcome::scene`] at the same views, dB.
-    pub psnr: f64,
+    /// Scores of the input model at the views kept aside.
+    pub input_scores: Scores,
+    /// Scores of [`TuneOutcome::scene`] at the same views.
+    pub scores: Scores,
     /// How well the scene shows what the input model shows, also where no photo was taken.
     pub against_input: Option<AgainstInput>,
     /// Final quality.

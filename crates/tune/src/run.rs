@@ -1,5 +1,6 @@
 //! [`Tune`]: the run.
 
+use finetune::metrics::Scores;
 use finetune::{BackendReport, Worth};
 use gs_model::Scene;
 
@@ -29,7 +30,7 @@ pub struct Tune {
     trainer: Trainer,
     course: Course,
     target: Target,
-    input_psnr: f64,
+    input_scores: Scores,
 }
 
 impl std::fmt::Debug for Tune {
@@ -82,7 +83,7 @@ impl Tune {
         let looked = Views::look(&scene, targets, &options, looked)?;
         let pass = started.seconds();
         let plan = plan(&scene, &looked, &options)?;
-        let Looked { mut views, worth: Worth { removal, .. }, input_psnr } = looked;
+        let Looked { mut views, worth: Worth { removal, .. }, input_scores } = looked;
         if !renders {
             views.of_quality(plan.quality);
         }
@@ -95,7 +96,7 @@ impl Tune {
             // Views that see nothing are an error before the run.
             course.advance(&mut trainer.views)?;
         }
-        Ok(Self { trainer, course, target: goal.target, input_psnr })
+        Ok(Self { trainer, course, target: goal.target, input_scores })
     }
 
     /// What the run will do.
@@ -104,10 +105,10 @@ impl Tune {
         &self.course.plan
     }
 
-    /// PSNR of the input model at the views kept aside, dB.
+    /// Scores of the input model at the views kept aside.
     #[must_use]
-    pub fn input_psnr(&self) -> f64 {
-        self.input_psnr
+    pub fn input_scores(&self) -> Scores {
+        self.input_scores
     }
 
     /// Number of views, and how many of them are kept aside to judge the result. If there are too few to keep one aside,
@@ -153,17 +154,17 @@ impl Tune {
     /// # Errors
     /// [`Error::Codec`], [`Error::NothingSeen`]; [`Error::Interrupted`]; [`Error::Finetune`] if a GPU that was asked for fails.
     pub fn run(self, progress: impl FnMut(&Progress<'_>)) -> Result<TuneOutcome> {
-        let Self { mut trainer, mut course, target, input_psnr } = self;
+        let Self { mut trainer, mut course, target, input_scores } = self;
         let cancelled = trainer.run(&mut course, progress)? == StopReason::Cancelled;
         let Trainer { views, done: steps, backend, clock, .. } = &mut trainer;
         let mut state = course.finish(views, cancelled)?;
         let encoded = steering::fitting(&mut state, target)?;
-        let (_, psnr) = views.at_aside(&state.scene);
+        let scores = views.scores(&state.scene);
         let against_input = views.against_input(&state.scene);
         let reached = match target {
             Target::Quality(_) => true,
             Target::Bytes(bytes) => encoded.bytes.len() as u64 <= bytes,
-            Target::Psnr(db) => psnr >= db,
+            Target::Psnr(db) => scores.psnr >= db,
         };
         let CodecLoop { scene: last, quality, bytes: counted_bytes, leaves, .. } = state;
         // The stream leaves out SH degrees that are zero everywhere.
@@ -172,8 +173,8 @@ impl Tune {
             encoded,
             scene,
             counted_bytes,
-            input_psnr,
-            psnr,
+            input_scores,
+            scores,
             against_input,
             quality,
             outliers: leaves.outliers.map_or(0, |o| o.len()),

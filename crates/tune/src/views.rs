@@ -8,8 +8,11 @@
 //! input model as targets, and what these views see counts in pruning and in the codec.
 
 use finetune::framing::{around, nearby};
+use finetune::metrics::Scores;
 use finetune::optimiser::permutation;
-use finetune::{Loss, Photo, RenderOptions, TrainView, ViewGradients, Worth, saliency, worth};
+use finetune::{
+    Loss, Photo, RenderOptions, TrainView, ViewGradients, ViewLoss, Worth, saliency, worth,
+};
 use gs_model::{Camera, Scene};
 
 use crate::error::{Error, Result};
@@ -27,6 +30,10 @@ const NEARBY_EDGE: f64 = 320.0;
 const JUDGED: usize = 12;
 const JUDGED_AROUND: u32 = 4;
 const JUDGED_EDGE: f64 = 320.0;
+
+/// What a run minimises. SSIM keeps structure that the squared error gives up, and costs next to no PSNR: see
+/// docs/results/tune.md.
+const LOSS: Loss = Loss::mse_ssim(0.01);
 
 /// How much nearby views count.
 #[derive(Clone, Copy)]
@@ -80,8 +87,8 @@ pub(crate) struct Views {
 pub(crate) struct Looked {
     pub(crate) views: Views,
     pub(crate) worth: Worth,
-    /// PSNR at the views kept aside, dB.
-    pub(crate) input_psnr: f64,
+    /// Scores at the views kept aside.
+    pub(crate) input_scores: Scores,
 }
 
 /// Small renders of the input model.
@@ -179,10 +186,9 @@ impl Views {
 
         let views = cameras.iter().cloned().zip(photos);
         let views = views.map(|(camera, photo)| TrainView { camera, photo }).collect();
-        let [photos, Scored { views: aside, psnr: aside_db }] = divided(views, psnr);
+        let [photos, Scored { views: aside, .. }] = divided(views, psnr);
         let errors: Vec<f64> = photos.psnr.iter().map(|db| libm::exp10(-0.1 * db)).collect();
-        // Mean squared error: it gives a higher PSNR and fewer bytes than L1 with SSIM.
-        let mut gradients = ViewGradients::new(photos.views, Loss::MSE, &RenderOptions::default())?;
+        let mut gradients = ViewGradients::new(photos.views, LOSS, &RenderOptions::default())?;
         weights(&errors).iter().enumerate().for_each(|(i, w)| gradients.weigh(i, *w as f32));
         for (camera, photo) in nearby.iter().zip(renders_nearby) {
             gradients.add(TrainView { camera: camera.clone(), photo }, share.of_gradients)?;
@@ -191,8 +197,8 @@ impl Views {
         let (seed, order) = (options.seed, Vec::new());
         let this = Self { cameras, gradients, aside, nearby, share, judged, seed, order };
         let worth = this.together(at_views, &at_nearby)?;
-        let input_psnr = aside_db.iter().sum::<f64>() / aside_db.len() as f64;
-        Ok(Looked { views: this, worth, input_psnr })
+        let input_scores = this.scores(scene);
+        Ok(Looked { views: this, worth, input_scores })
     }
 
     /// Makes the steps of a run to photos those of a quality.
@@ -226,12 +232,17 @@ impl Views {
         self.order[within as usize] as usize
     }
 
-    /// Mean squared error and mean PSNR at the views kept aside.
+    /// The mean loss and the mean PSNR, dB, at the views kept aside.
     pub(crate) fn at_aside(&self, scene: &Scene) -> (f64, f64) {
-        let all: Vec<f64> = self.aside.iter().map(|v| v.psnr(scene)).collect();
-        let n = all.len().max(1) as f64;
-        let mse = all.iter().map(|db| libm::exp10(-0.1 * db)).sum::<f64>() / n;
-        (mse, all.iter().sum::<f64>() / n)
+        let all: Vec<ViewLoss> = self.aside.iter().map(|v| v.loss(scene, LOSS)).collect();
+        let mean =
+            |of: fn(&ViewLoss) -> f64| all.iter().map(of).sum::<f64>() / all.len().max(1) as f64;
+        (mean(|l| l.loss), mean(ViewLoss::psnr))
+    }
+
+    /// The mean scores at the views kept aside.
+    pub(crate) fn scores(&self, scene: &Scene) -> Scores {
+        Scores::mean(&self.aside.iter().map(|v| v.scores(scene)).collect::<Vec<_>>())
     }
 
     /// Compares a scene with the input model; `None` without a single view of it.

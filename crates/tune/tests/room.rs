@@ -202,7 +202,7 @@ fn a_run_that_was_cut_goes_on_to_the_same_bytes() {
 #[test]
 fn the_loop_began_with_the_psnr_of_an_empty_scene() {
     let run = Tune::new(model(), photos(), short(Target::Quality(54.0))).unwrap();
-    let least = run.input_psnr() - 8.0;
+    let least = run.input_scores().psnr - 8.0;
     let mut scores = Vec::new();
     run.run(|p| scores.extend(p.aside_psnr)).unwrap();
     assert!(!scores.is_empty() && scores.iter().all(|&db| db > least), "{scores:?}");
@@ -225,7 +225,7 @@ fn a_psnr_out_of_reach_ends_with_the_best() {
     let plan = options.plan.as_mut().unwrap();
     (plan.round_steps, plan.loop_steps) = (10, 60);
     let outcome = tuned(&options);
-    assert!(!outcome.reached && outcome.psnr > 20.0, "{} dB", outcome.psnr);
+    assert!(!outcome.reached && outcome.scores.psnr > 20.0, "{} dB", outcome.scores.psnr);
     assert_eq!(bits(&gsvx::decode(&outcome.encoded.bytes).unwrap()), bits(&outcome.scene));
 }
 

@@ -87,8 +87,8 @@ def compare(
     *,
     progress: Optional[ProgressCallback] = None,
 ) -> Comparison:
-    """Compares the renders of two models: PSNR and SSIM of those of ``splats`` against those of ``reference``,
-    values clamped to 0 to 1.
+    """Compares the renders of two models: PSNR, SSIM and SSIMULACRA2 of those of ``splats`` against those of
+    ``reference``, values clamped to 0 to 1.
 
     ``reference``, ``splats``: as for :func:`gsvx.compress`, or names of files. ``cameras``: as for
     :func:`gsvx.render`.
@@ -96,12 +96,13 @@ def compare(
     views = _as_cameras(cameras, training=False)
     models = (model(reference), model(splats))
     scores = _gsvx.compare(*models, views._native(), _callback(progress))
-    psnr, ssim = np.mean(np.asarray(scores), axis=0)
+    psnr, ssim, ssimulacra2 = np.mean(np.asarray(scores), axis=0)
     count = tuple(len(m["means"]) for m in models)
     degree = tuple({0: 0, 3: 1, 8: 2, 15: 3}[m["shN"].shape[1]] for m in models)
     return Comparison(
         psnr=float(psnr),
         ssim=float(ssim),
+        ssimulacra2=float(ssimulacra2),
         views=[ViewScore(name, *score) for name, score in zip(views.names, scores)],
         gaussians=cast(Tuple[int, int], count),
         sh_degree=cast(Tuple[int, int], degree),

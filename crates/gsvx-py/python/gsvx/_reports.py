@@ -98,7 +98,8 @@ class Report:
 class TuneReport:
     """What :func:`gsvx.tune` made.
 
-    ``psnr`` and ``input_psnr``: of the stream and of the input model at views kept aside, in dB.
+    ``psnr`` (dB), ``ssim`` and ``ssimulacra2``: of the stream at views kept aside; ``input_psnr`` and so on are those of
+    the input model. SSIMULACRA2 is NaN for pictures below 8 pixels.
     ``elsewhere_psnr``: against renders of the input model at views beside the cameras' path or around the model,
     whichever is worse; None if nothing is seen there.
     ``distilled``: whether the model was tuned to its own renders. ``steps``, ``seconds``: how long. The others
@@ -110,7 +111,11 @@ class TuneReport:
     sh_degree: int
     outliers: int
     psnr: float
+    ssim: float
+    ssimulacra2: float
     input_psnr: float
+    input_ssim: float
+    input_ssimulacra2: float
     elsewhere_psnr: Optional[float]
     quality: float
     distilled: bool
@@ -123,20 +128,23 @@ class TuneReport:
 
 @dataclass(frozen=True)
 class ViewScore:
-    """How alike two renders are: ``psnr`` in dB, infinite for equal ones, and ``ssim``."""
+    """How alike two renders are: ``psnr`` in dB, infinite for equal ones, ``ssim``, and ``ssimulacra2``: 100 for equal
+    ones, NaN below 8 pixels."""
 
     name: str
     psnr: float
     ssim: float
+    ssimulacra2: float
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """How alike two models look: ``psnr`` (dB) and ``ssim`` are means over ``views``. ``gaussians`` and
-    ``sh_degree`` are those of both models."""
+    """How alike two models look: ``psnr`` (dB), ``ssim`` and ``ssimulacra2`` are means over ``views``. ``gaussians``
+    and ``sh_degree`` are those of both models."""
 
     psnr: float
     ssim: float
+    ssimulacra2: float
     views: List[ViewScore] = field(repr=False)
     gaussians: "tuple[int, int]"
     sh_degree: "tuple[int, int]"
