@@ -141,10 +141,11 @@ pub(crate) fn taps() -> [f64; 11] {
 fn blur(plane: &[f64], w: usize, h: usize) -> Vec<f64> {
     let taps = taps();
     let mut rows = vec![0.0; w * h];
-    for y in 0..h {
-        for x in 0..w {
-            rows[y * w + x] =
-                (x.max(5) - 5..(x + 6).min(w)).map(|i| taps[i + 5 - x] * plane[y * w + i]).sum();
+    for (row, plane) in rows.chunks_exact_mut(w).zip(plane.chunks_exact(w)) {
+        // Tap by tap over the whole row, which becomes vector instructions.
+        for (k, t) in taps.iter().enumerate() {
+            let (to, from) = (5usize.saturating_sub(k).min(w), k.saturating_sub(5).min(w));
+            row[to..].iter_mut().zip(&plane[from..]).for_each(|(out, v)| *out += t * v);
         }
     }
     let mut out = vec![0.0; w * h];
