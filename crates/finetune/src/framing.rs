@@ -4,7 +4,7 @@
 //! small Gaussians, and what lies around it by few large ones. So a Gaussian weighs its opacity
 //! divided by its area. Which cameras see the detail, and not the back of a wall or fog right before
 //! the lens, is found by drawing a thinned-out copy of the model, small, from circles of different
-//! size, height and axis. An object that stands in nothing is shown whole. [`cover`] gives cameras that show a model from wherever it can be seen, and
+//! size, height and axis. An object without a background is shown whole. [`cover`] gives cameras that show a model from wherever it can be seen, and
 //! [`nearby`] some that stand near given ones.
 
 mod bulk;
@@ -22,6 +22,8 @@ use bulk::{Bulk, Weigh};
 use glam::DVec3;
 use gs_model::{Camera, Scene};
 use object::whole_object;
+#[cfg(test)]
+use thinned::edge;
 use thinned::{FEW, ThinnedScene, thinned};
 
 /// What the caller fixes. `find` chooses what is `None`.
@@ -299,14 +301,8 @@ mod tests {
     /// The share of an image's edge where something shows.
     fn touched(scene: &Scene, camera: &Camera) -> f64 {
         let image = crate::render(scene, camera, &crate::RenderOptions::default());
-        let [width, height] = [image.width as usize, image.height as usize];
-        let is_edge = |i: &usize| {
-            let (x, y) = (i % width, i / width);
-            x == 0 || y == 0 || x + 1 == width || y + 1 == height
-        };
-        let edge: Vec<usize> = (0..width * height).filter(is_edge).collect();
-        let lit = edge.iter().filter(|&&i| image.rgb[3 * i..3 * i + 3].iter().any(|&v| v > 0.02));
-        lit.count() as f64 / edge.len() as f64
+        let lit = edge(&image).filter(|rgb| rgb.iter().any(|&v| v > 0.02));
+        lit.count() as f64 / edge(&image).count() as f64
     }
 
     #[test]

@@ -2,7 +2,7 @@
 //!
 //! - [`render`] draws a scene, [`metrics`] compares images, [`saliency`] measures how much each
 //!   Gaussian contributes to a set of views.
-//! - [`framing`] finds cameras for a scene that has none; [`Pictures`] tell how alike two versions of a scene
+//! - [`framing`] finds cameras for a scene that has none; [`estimate_loss`] tells how alike two versions of a scene
 //!   look.
 //! - [`seen_opacity_share`] and [`PhotoCheck`] tell cameras and photos of another scene.
 //! - [`ViewGradients`] gives a loss and its gradients by all arrays of a scene, view after view, and [`optimiser`]
@@ -84,7 +84,7 @@ pub use frustum::{MOST as MOST_CAMERAS, that_see};
 #[cfg(feature = "gpu")]
 pub use gpu::{Adapter, DeviceOptimiser};
 pub use image::{Image, Photo};
-pub use likeness::{Likeness, LossEstimate, Pictures};
+pub use likeness::{Likeness, LossEstimate, doubted_loss, estimate_loss};
 pub use options::{LearningRates, Loss, Profile, RenderOptions};
 pub use photo_check::PhotoCheck;
 pub use saliency::{Saliency, saliency};

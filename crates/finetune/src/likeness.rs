@@ -6,7 +6,6 @@
 
 use crate::forward::render;
 use crate::framing;
-use crate::image::Image;
 use crate::metrics;
 use crate::options::RenderOptions;
 use gs_model::{Camera, Scene};
@@ -23,18 +22,6 @@ const FAR_APART: f64 = 3.0;
 /// See [`LossEstimate::doubts_cameras`], dB.
 const DOUBTED: f64 = 6.0;
 const DOUBTED_BELOW: f64 = 34.0;
-
-/// The pictures of a model, for comparison with those of another version of it.
-///
-/// Views that decide what is kept of a model cannot judge alone what was kept: wrong cameras look where everything was
-/// kept. So there are always views that depend on the model alone.
-#[derive(Clone, Debug)]
-pub struct Pictures {
-    /// From some of the given cameras.
-    given: Vec<(Camera, Image)>,
-    /// From places around what matters in the model: with cameras from all sides.
-    around: Vec<(Camera, Image)>,
-}
 
 /// How alike two versions of a model look in some views.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -56,58 +43,53 @@ pub struct LossEstimate {
     pub around: Option<Likeness>,
 }
 
-impl Pictures {
-    /// Draws the model from places around it, and from some of the cameras.
-    #[must_use]
-    pub fn of(scene: &Scene, cameras: Option<&[Camera]>) -> Self {
-        let around = match cameras {
-            Some(_) => framing::all_around(scene),
-            None => framing::around(scene, AROUND),
-        };
-        let given = cameras.unwrap_or_default();
-        let step = given.len().div_ceil(GIVEN).max(1);
-        let given: Vec<Camera> = given.iter().step_by(step).cloned().collect();
-        Self { given: drawn(scene, &given), around: drawn(scene, &around) }
-    }
-
-    /// True if the pictures show nothing: there is nothing to compare.
-    #[must_use]
-    pub fn is_empty(&self) -> bool {
-        self.given.is_empty() && self.around.is_empty()
-    }
-
-    /// Compares with another version of the model.
-    #[must_use]
-    pub fn compare(&self, scene: &Scene) -> LossEstimate {
-        let [at_cameras, around] = [&self.given, &self.around].map(|views| likeness(views, scene));
-        LossEstimate { at_cameras, around }
-    }
+/// How much less a version of `scene` shows than `scene`: at some of the cameras, and at places that depend on the model
+/// alone.
+///
+/// Views that decide what is kept of a model cannot judge alone what was kept: wrong cameras look where everything was
+/// kept.
+#[must_use]
+pub fn estimate_loss(scene: &Scene, version: &Scene, cameras: Option<&[Camera]>) -> LossEstimate {
+    let around = likeness(scene, version, &around(scene, cameras.is_some()));
+    LossEstimate { at_cameras: likeness(scene, version, &some_of(cameras)), around }
 }
 
-/// Pictures of a scene; none if they show nothing, as there is nothing to compare then.
-fn drawn(scene: &Scene, cameras: &[Camera]) -> Vec<(Camera, Image)> {
-    let draw = |(i, camera)| {
+/// The loss, if it [casts doubt](LossEstimate::doubts_cameras) on the cameras that chose what a version keeps. Nothing
+/// is drawn at the cameras if the version shows well around the model.
+#[must_use]
+pub fn doubted_loss(scene: &Scene, version: &Scene, cameras: &[Camera]) -> Option<LossEstimate> {
+    let around = likeness(scene, version, &around(scene, true));
+    let blind = LossEstimate { at_cameras: None, around };
+    let look = || likeness(scene, version, &some_of(Some(cameras)));
+    let loss = blind.doubts_cameras().then(|| LossEstimate { at_cameras: look(), around });
+    loss.filter(LossEstimate::doubts_cameras)
+}
+
+/// Cameras around what matters in a model, from all sides if there are other cameras too.
+fn around(scene: &Scene, all: bool) -> Vec<Camera> {
+    if all { framing::all_around(scene) } else { framing::around(scene, AROUND) }
+}
+
+fn some_of(cameras: Option<&[Camera]>) -> Vec<Camera> {
+    let cameras = cameras.unwrap_or_default();
+    cameras.iter().step_by(cameras.len().div_ceil(GIVEN).max(1)).cloned().collect()
+}
+
+/// How alike two versions of a model look; `None` if the first shows nothing, as there is nothing to compare then.
+fn likeness(scene: &Scene, version: &Scene, cameras: &[Camera]) -> Option<Likeness> {
+    let (mut squared_error, mut ssim, mut shows) = (0.0, 0.0, false);
+    for (i, camera) in cameras.iter().enumerate() {
         let camera = quarter(camera, i);
-        let image = render(scene, &camera, &RenderOptions::default());
-        (camera, image)
-    };
-    let views: Vec<_> = cameras.iter().enumerate().map(draw).collect();
-    let shows = views.iter().any(|(_, image)| image.rgb.iter().any(|&v| v > 0.0));
-    if shows { views } else { Vec::new() }
-}
-
-/// How alike the pictures of another version are; `None` without pictures.
-fn likeness(pictures: &[(Camera, Image)], scene: &Scene) -> Option<Likeness> {
-    let (mut squared_error, mut ssim) = (0.0, 0.0);
-    for (camera, image) in pictures {
-        let shown = render(scene, camera, &RenderOptions::default());
-        squared_error += metrics::squared_error(&shown, image);
-        ssim += metrics::ssim(&shown, image);
+        let [image, shown] =
+            [scene, version].map(|s| render(s, &camera, &RenderOptions::default()));
+        shows |= image.rgb.iter().any(|&v| v > 0.0);
+        squared_error += metrics::squared_error(&shown, &image);
+        ssim += metrics::ssim(&shown, &image);
     }
-    let views = pictures.len();
+    let views = cameras.len();
     let n = views as f64;
     let psnr = metrics::decibels(squared_error / n).min(EQUAL);
-    (views > 0).then_some(Likeness { psnr, ssim: ssim / n, views })
+    shows.then_some(Likeness { psnr, ssim: ssim / n, views })
 }
 
 impl LossEstimate {

@@ -1,6 +1,6 @@
 //! The estimate of a loss does not trust the cameras that chose what was kept.
 
-use finetune::Pictures;
+use finetune::{doubted_loss, estimate_loss};
 use gs_model::{Camera, Scene};
 
 /// Two desks, and cameras that see the first one only.
@@ -15,22 +15,24 @@ fn desks() -> (Scene, Vec<Camera>) {
 #[test]
 fn a_loss_that_the_cameras_do_not_see_is_told() {
     let (scene, cameras) = desks();
-    let pictures = Pictures::of(&scene, Some(&cameras));
     let kept = scene.select(&(0..scene.len() / 2).collect::<Vec<_>>());
-    let loss = pictures.compare(&kept);
+    let loss = estimate_loss(&scene, &kept, Some(&cameras));
     let [at_cameras, around] = [loss.at_cameras, loss.around].map(|l| l.unwrap().psnr);
     assert!(at_cameras > around + 10.0, "{at_cameras} at the cameras, {around} around");
     assert_eq!(loss.worse(), loss.around);
     assert!(loss.is_far_apart() && loss.doubts_cameras());
+    assert_eq!(doubted_loss(&scene, &kept, &cameras), Some(loss));
     // Without cameras there is one figure.
-    let alone = Pictures::of(&scene, None).compare(&kept);
+    let alone = estimate_loss(&scene, &kept, None);
     assert_eq!((alone.at_cameras, alone.worse()), (None, alone.around));
     // Cameras that see nothing cannot speak for what they chose.
     let mut away = cameras[0].clone();
     away.translation.z -= 1e6;
-    let blind = Pictures::of(&scene, Some(&[away])).compare(&kept);
+    let blind = estimate_loss(&scene, &kept, Some(std::slice::from_ref(&away)));
     assert!(blind.at_cameras.is_none() && blind.doubts_cameras());
+    assert_eq!(doubted_loss(&scene, &kept, &[away]), Some(blind));
     // Nothing is lost: nothing is doubted.
-    let same = pictures.compare(&scene);
+    let same = estimate_loss(&scene, &scene, Some(&cameras));
+    assert_eq!(doubted_loss(&scene, &scene, &cameras), None);
     assert!(same.worse().unwrap().psnr == 99.0 && !same.is_far_apart());
 }

@@ -135,7 +135,7 @@ pub fn encode(values: &[i32]) -> Vec<u8> {
 pub fn decode(bytes: &[u8], count: usize) -> Result<Vec<i32>> {
     let mut r = BitReader::new(bytes);
     let mut s = State::new();
-    // What is claimed takes no memory before it is there.
+    // `count` is a claim: memory is reserved for at most a value a bit, and grows where runs hold more.
     let mut values = Vec::with_capacity(count.min(8 * (bytes.len() + 1)));
     while values.len() < count {
         if r.overrun() {

@@ -13,7 +13,7 @@ use crate::report::Reporter;
 use crate::views::{Origin, Placed};
 use crate::{loss, max_error, photos, scale, size, views};
 use anyhow::{Context, Result};
-use finetune::{LossEstimate, Pictures, References};
+use finetune::{LossEstimate, References};
 use gs_model::{Camera, Format, Scene, chain};
 use gsvx::importance::with_unseen;
 use gsvx::{
@@ -394,13 +394,9 @@ fn encoded(args: &EncodeArgs, name: &str, mut scene: Scene) -> Result<Done> {
         }
         (cameras, origin) = (Some(training), from);
     }
-    // PSNR and loss are measured against the input before pruning.
+    // The PSNR is measured against the input before pruning.
     let references = args.target_psnr.and(cameras.as_ref()).map(|c| references(&scene, c));
     let estimated = !args.no_estimate && !args.lossless;
-    // The stream follows from the cameras only if pictures show that they fit.
-    let judged = importance.is_some() && !content.drop_unseen;
-    let (pictures, seconds_before) =
-        timed(|| (estimated || judged).then(|| Pictures::of(&scene, cameras.as_deref())));
     let measure = references.as_ref().map(|references| |scene: &Scene| references.psnr(scene));
     let mut encoder = args.encoder(args.aim(measure));
     encoder.options.rows = importance.is_some();
@@ -413,7 +409,7 @@ fn encoded(args: &EncodeArgs, name: &str, mut scene: Scene) -> Result<Done> {
         }
         ControlFlow::Continue(())
     });
-    let judged = tune::encode_judged(&mut encoder, &scene, pictures.as_ref());
+    let judged = tune::encode_judged(&mut encoder, &scene, cameras.as_deref(), estimated);
     let judged = judged.with_context(|| name.to_owned())?;
     if let (Some(doubt), Some(path)) = (judged.doubt(), &content.cameras) {
         doubted = true;
@@ -438,8 +434,8 @@ fn encoded(args: &EncodeArgs, name: &str, mut scene: Scene) -> Result<Done> {
         cameras: origin,
         seen: seen_share,
         doubted,
-        loss: loss.filter(|_| estimated),
-        estimate_seconds: seconds_before + seconds,
+        loss,
+        estimate_seconds: seconds,
         made,
     })
 }
@@ -476,11 +472,4 @@ fn references(scene: &Scene, cameras: &[Camera]) -> References {
         Ok::<_, Infallible>(())
     });
     references
-}
-
-/// What `work` returns, and how long it takes.
-fn timed<T>(work: impl FnOnce() -> T) -> (T, f64) {
-    let start = Instant::now();
-    let made = work();
-    (made, start.elapsed().as_secs_f64())
 }

@@ -4,7 +4,7 @@ use crate::arrays::SplatArrays;
 use crate::background::{Event, Line, run};
 use crate::cameras::{CameraArrays, Cameras};
 use crate::error::{Fault, Result};
-use finetune::{LossEstimate, Pictures, References, Visibility};
+use finetune::{LossEstimate, References, Visibility};
 use gs_model::{Doubts, Limits, Scene};
 use gsvx::{Aim, EncodeProgress, Encoder, LEFT_OUT, Leaves, Made, MaxError};
 use numpy::PyArray1;
@@ -125,11 +125,6 @@ fn encode(
         scene.validate()?;
         done.warnings.extend(Doubts::of(&scene).sentences());
     }
-    // The stream follows from the cameras only if pictures show that they fit.
-    let judged = cameras.is_some() && !options.lossless && !options.drop_unseen;
-    let pictures =
-        (estimated || judged).then(|| Pictures::of(&scene, cameras.map(|c| &c.list[..])));
-    line.check()?;
     let seen = cameras.map(|cameras| seen(&scene, cameras, &mut done, line)).transpose()?;
     // The PSNR is measured against the input before pruning.
     let references = options.target_psnr.and(cameras).map(|cameras| {
@@ -156,13 +151,14 @@ fn encode(
         }
         ControlFlow::Continue(())
     });
-    let judged = tune::encode_judged(&mut encoder, &scene, pictures.as_ref())?;
+    let judged =
+        tune::encode_judged(&mut encoder, &scene, cameras.map(|c| &c.list[..]), estimated)?;
     if let (Some(doubt), Some(Cameras { name, .. })) = (judged.doubt(), cameras) {
         done.warnings.push(format!(
             "{name}: {doubt}; their importances are not used, but with drop_unseen they are"
         ));
     }
-    (done.made, done.loss) = (judged.made, judged.loss.filter(|_| estimated));
+    (done.made, done.loss) = (judged.made, judged.loss);
     done.warnings.extend(done.made.warnings.iter().map(ToString::to_string));
     let rows = done.made.encoded.rows.take().filter(|_| options.rows);
     done.rows = rows.map(|rows| rows_of_input(&rows, valid.as_deref(), input));

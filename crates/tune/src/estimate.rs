@@ -1,18 +1,18 @@
 //! [`encode_judged`]: a stream, and how much less it shows than its model.
 
-use finetune::{LossEstimate, Pictures, Visibility};
+use finetune::{LossEstimate, Visibility, doubted_loss, estimate_loss};
 use gs_model::{Camera, Scene};
 use gsvx::{Aim, DecodeOptions, Encoder, Made};
 use std::convert::Infallible;
 
 use crate::trainer::Clock;
 
-/// A stream that pictures have judged.
+/// A stream, and what was judged of it.
 #[derive(Clone, Debug)]
 pub struct Judged {
     /// The stream.
     pub made: Made,
-    /// How much less it shows than its model; `None` without pictures.
+    /// How much less it shows than its model; `None` if nobody asked.
     pub loss: Option<LossEstimate>,
     /// The loss of the stream by the cameras' importances, if that is why they were not used.
     pub doubted: Option<LossEstimate>,
@@ -39,7 +39,7 @@ impl Judged {
     }
 }
 
-/// Encodes `scene` and compares the stream with `pictures` of it.
+/// Encodes `scene`, and estimates how much less the stream shows if that is `told`.
 ///
 /// Importances from cameras that are not the model's own destroy it. If the stream shows well to the cameras and badly to
 /// views that do not depend on them ([`LossEstimate::doubts_cameras`]), it is encoded once more without these
@@ -50,22 +50,33 @@ impl Judged {
 pub fn encode_judged(
     encoder: &mut Encoder<'_>,
     scene: &Scene,
-    pictures: Option<&Pictures>,
+    cameras: Option<&[Camera]>,
+    told: bool,
 ) -> gsvx::Result<Judged> {
-    let mut made = encoder.encode(scene)?;
+    let made = encoder.encode(scene)?;
     let clock = Clock::start();
-    let mut loss = loss(pictures, &made)?;
-    let mut seconds = clock.seconds();
-    let refusable = encoder.options.importance.is_some() && !encoder.options.drop_unseen;
-    let doubted = loss.filter(|loss| refusable && loss.doubts_cameras());
+    // Lossless streams and bounds on errors have no quality, and no cameras can harm them.
+    let refusable = encoder.options.importance.is_some()
+        && !encoder.options.drop_unseen
+        && made.quality.is_some();
+    let version = if told || refusable { Some(decoded(&made)?) } else { None };
+    let estimate = |version: &Scene| estimate_loss(scene, version, cameras);
+    let loss = version.as_ref().filter(|_| told).map(estimate);
+    let doubted = match (&version, loss) {
+        _ if !refusable => None,
+        (_, Some(loss)) => Some(loss).filter(LossEstimate::doubts_cameras),
+        (Some(version), None) => doubted_loss(scene, version, cameras.unwrap_or_default()),
+        (None, None) => None,
+    };
+    let mut judged = Judged { made, loss, doubted, seconds: clock.seconds() };
     if doubted.is_some() {
         encoder.options.importance = None;
-        made = encoder.encode(scene)?;
+        judged.made = encoder.encode(scene)?;
         let clock = Clock::start();
-        loss = self::loss(pictures, &made)?;
-        seconds += clock.seconds();
+        judged.loss = if told { Some(estimate(&decoded(&judged.made)?)) } else { None };
+        judged.seconds += clock.seconds();
     }
-    Ok(Judged { made, loss, doubted, seconds })
+    Ok(judged)
 }
 
 /// Cameras that [`doubt`] looks from, and their greatest size, pixels.
@@ -85,18 +96,12 @@ pub fn doubt(scene: &Scene, cameras: &[Camera], quality: f32) -> gsvx::Result<Op
     let mut encoder = Encoder::new(Aim::Quality(quality));
     encoder.options.importance = Some(seen.weights);
     let made = encoder.encode(scene)?;
-    let doubted = loss(Some(&Pictures::of(scene, Some(&cameras))), &made)?;
-    let doubted = doubted.filter(LossEstimate::doubts_cameras);
+    let doubted = doubted_loss(scene, &decoded(&made)?, &cameras);
     Ok(Judged { made, loss: None, doubted, seconds: 0.0 }.doubt())
 }
 
-/// Compares a stream with pictures of its model.
-fn loss(pictures: Option<&Pictures>, made: &Made) -> gsvx::Result<Option<LossEstimate>> {
-    let Some(pictures) = pictures else { return Ok(None) };
-    if pictures.is_empty() {
-        return Ok(Some(LossEstimate::default()));
-    }
+fn decoded(made: &Made) -> gsvx::Result<Scene> {
     let mut options = DecodeOptions::default();
     options.max_gaussians = Some(u64::MAX);
-    Ok(Some(pictures.compare(&gsvx::decode_with(&made.encoded.bytes, &options)?.scene)))
+    Ok(gsvx::decode_with(&made.encoded.bytes, &options)?.scene)
 }

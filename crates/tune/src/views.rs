@@ -31,8 +31,8 @@ const JUDGED: usize = 12;
 const JUDGED_AROUND: u32 = 4;
 const JUDGED_EDGE: f64 = 320.0;
 
-/// What a run minimises. SSIM keeps structure that the squared error gives up, and costs next to no PSNR: see
-/// docs/results/tune.md.
+/// What a run minimises. SSIM keeps structure that the squared error blurs; docs/results/tune.md has what it saves and
+/// costs.
 const LOSS: Loss = Loss::mse_ssim(0.01);
 
 /// How much nearby views count.
@@ -186,7 +186,7 @@ impl Views {
 
         let views = cameras.iter().cloned().zip(photos);
         let views = views.map(|(camera, photo)| TrainView { camera, photo }).collect();
-        let [photos, Scored { views: aside, .. }] = divided(views, psnr);
+        let (photos, aside) = divided(views, psnr);
         let errors: Vec<f64> = photos.psnr.iter().map(|db| libm::exp10(-0.1 * db)).collect();
         let mut gradients = ViewGradients::new(photos.views, LOSS, &RenderOptions::default())?;
         weights(&errors).iter().enumerate().for_each(|(i, w)| gradients.weigh(i, *w as f32));
@@ -322,19 +322,20 @@ pub(crate) fn kept_aside(views: usize) -> usize {
 }
 
 /// The views of the steps, and those kept aside. If there are too few to keep one aside, the first view judges.
-fn divided(views: Vec<TrainView>, psnr: Vec<f64>) -> [Scored; 2] {
-    let mut out = [Scored::default(), Scored::default()];
+fn divided(views: Vec<TrainView>, psnr: Vec<f64>) -> (Scored, Vec<TrainView>) {
+    let (mut photos, mut aside) = (Scored::default(), Vec::new());
     for (i, (view, db)) in views.into_iter().zip(psnr).enumerate() {
-        let part = &mut out[usize::from(is_aside(i))];
-        part.views.push(view);
-        part.psnr.push(db);
+        if is_aside(i) {
+            aside.push(view);
+        } else {
+            photos.views.push(view);
+            photos.psnr.push(db);
+        }
     }
-    let [photos, aside] = &mut out;
-    if aside.views.is_empty() {
-        aside.views.extend(photos.views.first().cloned());
-        aside.psnr.extend(photos.psnr.first());
+    if aside.is_empty() {
+        aside.extend(photos.views.first().cloned());
     }
-    out
+    (photos, aside)
 }
 
 /// The same view with no edge longer than `most` pixels.

@@ -1,4 +1,4 @@
-//! Models of one object that stands in nothing: the whole of it is looked at, wherever its detail is.
+//! Models of one object without a background: cameras show the whole of it, wherever its detail is.
 
 use glam::DVec3;
 use gs_model::Scene;
@@ -9,15 +9,15 @@ use super::{Constraints, Placement, Ring, framing_distance};
 
 /// The share of the opacity that the whole of a model has: a few specks in the air are none of it.
 const NEARLY_ALL: f64 = 0.999;
-/// Standard deviations of a Gaussian that belong to it.
+/// How far a Gaussian reaches, standard deviations.
 const SIZES: f64 = 1.5;
-/// What is wider than this many times the bulk of its detail has a background.
+/// A model whose whole is wider than this many times the bulk of its detail has a background.
 const WIDE: f64 = 4.0;
-/// Less than this share of the edges of pictures shows something behind an object: at most a third where the detail of a
-/// head or a bust fills them, and two thirds or more in rooms.
+/// The edges of pictures of an object are less opaque than this. They are at most 0.33 where the detail of a head or a
+/// bust fills the picture, and at least 0.66 in rooms.
 const BEHIND: f64 = 0.5;
-/// From all sides of an object about as much is seen: at least this share of what is seen from the best one. Of rooms, and
-/// of what was photographed from one side, it is at most 0.3; of a head, a bust, a flower and a rider 0.5 to 0.8.
+/// The worst side of an object shows more than this share of what the best side shows. The share is 0.5 to 0.8 for a head,
+/// a bust, a flower and a rider, and at most 0.3 for rooms and for what was photographed from one side.
 const FROM_ALL_SIDES: f64 = 0.4;
 
 impl Bulk {

@@ -6,6 +6,7 @@ use rayon::prelude::*;
 use super::bulk::{Weigh, weights};
 use super::ring::{Placement, Ring};
 use crate::forward::render;
+use crate::image::Image;
 use crate::options::RenderOptions;
 use crate::saliency::saliency;
 
@@ -49,6 +50,15 @@ pub(super) fn thinned(scene: &Scene, most: usize) -> (Scene, Vec<usize>) {
     (base, chosen)
 }
 
+/// The pixels at the edge of an image.
+pub(super) fn edge(image: &Image) -> impl Iterator<Item = &[f32]> {
+    let [width, height] = [image.width as usize, image.height as usize];
+    image.rgb.chunks_exact(3).enumerate().filter_map(move |(i, rgb)| {
+        let (x, y) = (i % width, i / width);
+        (x == 0 || y == 0 || x + 1 == width || y + 1 == height).then_some(rgb)
+    })
+}
+
 impl ThinnedScene {
     pub(super) fn of(scene: &Scene, tangents: [f64; 2], weigh: Weigh) -> Self {
         let weights = weights(scene, weigh);
@@ -76,19 +86,12 @@ impl ThinnedScene {
     pub(super) fn edges(&self, ring: &Ring) -> f64 {
         let mut white = self.scene.clone();
         white.sh.fill([0.5 / SH_C0; 3]);
-        let edge = |i: u32| {
+        let of_one = |i: u32| {
             let camera = self.camera(ring, f64::from(i) / f64::from(FEW));
             let image = render(&white, &camera, &RenderOptions::default());
-            let [width, height] = [image.width as usize, image.height as usize];
-            let is_edge = |i: &usize| {
-                let (x, y) = (i % width, i / width);
-                x == 0 || y == 0 || x + 1 == width || y + 1 == height
-            };
-            let edge = (0..width * height).filter(is_edge).map(|i| f64::from(image.rgb[3 * i]));
-            let (sum, count) = edge.fold((0.0, 0.0), |(sum, n), v| (sum + v, n + 1.0));
-            sum / count
+            edge(&image).map(|rgb| f64::from(rgb[0])).sum::<f64>() / edge(&image).count() as f64
         };
-        (0..FEW).map(edge).sum::<f64>() / f64::from(FEW)
+        (0..FEW).map(of_one).sum::<f64>() / f64::from(FEW)
     }
 
     /// How much each of a few cameras on a circle sees, in descending order.
