@@ -8,8 +8,6 @@ use finetune::Backend;
 use tune::TuneEffort;
 use voxel::{Released, Strategy};
 
-use super::tune::Tuning;
-
 /// Reads the name of an effort.
 fn effort(text: &str) -> Result<TuneEffort, String> {
     let names = TuneEffort::ALL.map(TuneEffort::name).join(", ");
@@ -43,6 +41,24 @@ fn criteria(text: &str) -> Result<Strategy> {
             Ok(Strategy::Paper { large_percent, j_low, j_high, tau1, tau2 })
         }
         _ => bail!("give V, TAU1 and TAU2 together, for example 8:16:20:30:0.5"),
+    }
+}
+
+/// How a voxelized model is fine-tuned.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Tuning {
+    /// Steps, one training view each.
+    pub(crate) steps: u64,
+    /// Whether it begins with the merged attributes, or with none.
+    pub(crate) initialised: bool,
+    /// Where it computes.
+    pub(crate) backend: Backend,
+}
+
+impl Tuning {
+    /// For file names.
+    pub(crate) fn name(self) -> String {
+        format!("{}{}", if self.initialised { "tuned" } else { "blank" }, self.steps)
     }
 }
 

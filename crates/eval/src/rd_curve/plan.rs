@@ -5,8 +5,7 @@ use gs_model::{Camera, Scene};
 use paper::{CovarianceCoding, PaperOptions, Qp};
 use voxel::{Merge, Strategy};
 
-use super::options::CurveOptions;
-use super::tune::Tuning;
+use super::options::{CurveOptions, Tuning};
 use crate::progress::Bar;
 
 /// Depths among which the uniform depth is chosen.

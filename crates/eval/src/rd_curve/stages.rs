@@ -8,10 +8,11 @@ use gs_model::Scene;
 use gsvx::{EncodeOptions, Prepared};
 use voxel::{Importance, Merge, Strategy};
 
+use super::options::Tuning;
 use super::plan::{Coding, Rule, Sight, Voxels, slug};
 use super::record::{Coded, VoxelizedRecord};
 use super::study::Study;
-use super::tune::{self, Tuning};
+use super::tune;
 use crate::measure;
 use crate::progress::Bar;
 use crate::round_trip::{round_trip, timed};

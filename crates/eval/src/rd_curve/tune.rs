@@ -6,11 +6,11 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context, Result};
-use finetune::Backend;
 use gs_model::Scene;
 use gsvx::Prepared;
 use tune::{FineTune, FineTuneOptions};
 
+use super::options::Tuning;
 use super::record::Tuned;
 use super::study::Study;
 use crate::cache;
@@ -18,26 +18,8 @@ use crate::measure;
 use crate::progress::Bar;
 use crate::usage;
 
-/// How a voxelized model is fine-tuned.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Tuning {
-    /// Steps, one training view each.
-    pub(crate) steps: u64,
-    /// Whether it begins with the merged attributes, or with none.
-    pub(crate) initialised: bool,
-    /// Where it computes.
-    pub(crate) backend: Backend,
-}
-
 /// How often the held-out views are scored, the end included.
 const STOPS: u64 = 4;
-
-impl Tuning {
-    /// For file names.
-    pub(crate) fn name(self) -> String {
-        format!("{}{}", if self.initialised { "tuned" } else { "blank" }, self.steps)
-    }
-}
 
 fn stage(name: &str) -> String {
     format!("tune-{name}")

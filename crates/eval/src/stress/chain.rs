@@ -10,6 +10,7 @@ use gsvx::{EncodeOptions, Leaves, Prepared, importance};
 use voxel::Voxelization;
 
 use super::gaussians::{of_degree, rows};
+use super::outcome::{ChainOutcome, by};
 use super::{levels, paper_codec};
 use crate::attributes::{colour_planes, log_alpha};
 
@@ -36,15 +37,6 @@ pub(crate) const MODES: [&str; 17] = [
 
 /// Leaves of small chunks.
 const SMALL: NonZeroUsize = NonZeroUsize::MIN.saturating_add(63);
-
-/// The result of one run.
-#[derive(Debug)]
-pub(crate) enum ChainOutcome {
-    /// Which part refused, and its message.
-    Refused(String),
-    /// Per attribute: the worst error over its bound.
-    Accepted(Vec<(&'static str, f64)>),
-}
 
 /// What the encoder is asked for in a mode.
 fn options_of(mode: &str) -> gsvx::Result<EncodeOptions> {
@@ -101,11 +93,6 @@ pub(crate) fn run(scene: &Scene, mode: &str) -> Result<ChainOutcome> {
         Ok(coded) => checked(&coded),
         Err(refused) => Ok(ChainOutcome::Refused(refused)),
     }
-}
-
-/// Names the part that refused a scene.
-pub(super) fn by<E: std::fmt::Display>(part: &'static str) -> impl Fn(E) -> String {
-    move |error| format!("{part}: {error}")
 }
 
 /// The scene as the command reads it: the reader decides what is valid.

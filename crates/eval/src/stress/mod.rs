@@ -5,6 +5,7 @@ mod chain;
 mod gaussians;
 mod inputs;
 mod levels;
+mod outcome;
 mod page;
 mod paper_codec;
 
@@ -14,8 +15,9 @@ use std::time::Instant;
 
 use anyhow::{Result, bail};
 
-use chain::{ChainOutcome, MODES};
+use chain::MODES;
 use inputs::{INPUTS, Input};
+use outcome::ChainOutcome;
 
 /// Flags of `cargo xtask stress`.
 #[derive(Clone, Debug, clap::Args)]

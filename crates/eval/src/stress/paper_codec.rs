@@ -7,7 +7,7 @@ use gs_model::math::{Matrix, Symmetric, axes_product, eigen_of, rotation};
 use paper::{CovarianceCoding, PaperOptions, Qp, Strategy};
 use voxel::w2::{Barycenter, Gaussian, barycenter};
 
-use super::chain::{ChainOutcome, by};
+use super::outcome::{ChainOutcome, by};
 use crate::attributes::colour_planes;
 
 /// Greatest error of a coefficient, in steps: a level is the magnitude plus a third, rounded down.

@@ -81,9 +81,9 @@ impl KernelLoop {
         context: Context,
         scene: &Scene,
         program: &Program,
-        views: &[PreparedView],
+        (views, loss): (&[PreparedView], Loss),
     ) -> Result<Self> {
-        let mut steps = DeviceSteps::new(context, scene, views, Loss::MSE, Some(program))?;
+        let mut steps = DeviceSteps::new(context, scene, views, loss, Some(program))?;
         let workspace = &mut steps.workspace;
         let rows = rows_of(scene);
         let still = vec![0.0; rows.len()];

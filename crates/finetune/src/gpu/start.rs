@@ -41,8 +41,8 @@ impl Adapter {
 }
 
 impl ViewGradients {
-    /// Steps with kernels of the caller on a graphics adapter, for the same views. The loss is the mean squared
-    /// error. Of `scene`, the kernels overwrite what they like.
+    /// Steps with kernels of the caller on a graphics adapter, for the same views and
+    /// loss. Of `scene`, the kernels overwrite what they like.
     ///
     /// # Errors
     /// [`NoAdapter`](crate::Error::NoAdapter), [`Gpu`](crate::Error::Gpu).
@@ -52,7 +52,7 @@ impl ViewGradients {
         scene: &Scene,
         program: &Program,
     ) -> Result<KernelLoop> {
-        KernelLoop::new(adapter.context()?, scene, program, &self.views)
+        KernelLoop::new(adapter.context()?, scene, program, (&self.views, self.loss))
     }
 
     /// An optimiser that goes on from `from` on a graphics adapter, for the same views and loss. Means stay where
