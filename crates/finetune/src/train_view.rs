@@ -3,15 +3,11 @@
 use gs_model::lens::Lens;
 use gs_model::{Camera, Scene};
 
-use crate::backward::Backward;
 use crate::error::{Error, Result};
 use crate::forward::render;
 use crate::image::Photo;
 use crate::metrics::Scores;
-use crate::options::{Loss, RenderOptions};
-use crate::stages::blend_adjoint::FROZEN;
-use crate::stages::loss::ViewLoss;
-use crate::view_gradients::PreparedView;
+use crate::options::RenderOptions;
 
 /// A posed photo to train on.
 #[derive(Clone, Debug)]
@@ -43,16 +39,6 @@ impl TrainView {
         let shown = render(scene, &self.camera, &RenderOptions::default());
         let scores = Scores::of(&shown, &self.photo.image());
         Scores { psnr: scores.psnr.min(100.0), ..scores }
-    }
-
-    /// The loss of a scene's render against the photo.
-    #[must_use]
-    pub fn loss(&self, scene: &Scene, loss: Loss) -> ViewLoss {
-        let prepared = PreparedView::new(self.clone(), &RenderOptions::default());
-        let (mut pass, mut photo) = (Backward::<FROZEN>::default(), Vec::new());
-        prepared.planes(&mut photo);
-        pass.forward.run(scene, &prepared.view);
-        pass.loss(&prepared.view, &photo, loss)
     }
 }
 

@@ -23,6 +23,18 @@ pub struct ViewGradients {
     planes: Vec<f32>,
 }
 
+impl TrainView {
+    /// The loss of a scene's render against the photo.
+    #[must_use]
+    pub fn loss(&self, scene: &Scene, loss: Loss) -> ViewLoss {
+        let prepared = PreparedView::new(self.clone(), &RenderOptions::default());
+        let (mut pass, mut photo) = (Backward::<FROZEN>::default(), Vec::new());
+        prepared.planes(&mut photo);
+        pass.forward.run(scene, &prepared.view);
+        pass.loss(&prepared.view, &photo, loss)
+    }
+}
+
 /// A view and the planes of its photo.
 pub(crate) struct PreparedView {
     pub(crate) view: RenderView,
