@@ -143,6 +143,16 @@ impl References {
     /// Mean over the views of the PSNR of `scene`'s render, dB.
     #[must_use]
     pub fn psnr(&self, scene: &Scene) -> f64 {
-        self.views.iter().map(|view| view.psnr(scene)).sum::<f64>() / self.views.len() as f64
+        self.mean(|view| view.psnr(scene))
+    }
+
+    /// Mean over the views of the SSIMULACRA2 of `scene`'s render.
+    #[must_use]
+    pub fn ssimulacra2(&self, scene: &Scene) -> f64 {
+        self.mean(|view| view.ssimulacra2(scene))
+    }
+
+    fn mean(&self, score: impl Fn(&TrainView) -> f64) -> f64 {
+        self.views.iter().map(score).sum::<f64>() / self.views.len() as f64
     }
 }

@@ -30,6 +30,8 @@ pub struct Likeness {
     pub psnr: f64,
     /// Mean over the views.
     pub ssim: f64,
+    /// Mean over the views; NaN where the parts of them are below 8 pixels.
+    pub ssimulacra2: f64,
     /// Number of views.
     pub views: usize,
 }
@@ -77,7 +79,7 @@ fn some_of(cameras: Option<&[Camera]>) -> Vec<Camera> {
 
 /// How alike two versions of a model look; `None` if the first shows nothing, as there is nothing to compare then.
 fn likeness(scene: &Scene, version: &Scene, cameras: &[Camera]) -> Option<Likeness> {
-    let (mut squared_error, mut ssim, mut shows) = (0.0, 0.0, false);
+    let (mut squared_error, mut ssim, mut ssimulacra2, mut shows) = (0.0, 0.0, 0.0, false);
     for (i, camera) in cameras.iter().enumerate() {
         let camera = quarter(camera, i);
         let [image, shown] =
@@ -85,11 +87,12 @@ fn likeness(scene: &Scene, version: &Scene, cameras: &[Camera]) -> Option<Likene
         shows |= image.rgb.iter().any(|&v| v > 0.0);
         squared_error += metrics::squared_error(&shown, &image);
         ssim += metrics::ssim(&shown, &image);
+        ssimulacra2 += metrics::ssimulacra2(&shown, &image);
     }
     let views = cameras.len();
     let n = views as f64;
     let psnr = metrics::decibels(squared_error / n).min(EQUAL);
-    shows.then_some(Likeness { psnr, ssim: ssim / n, views })
+    shows.then_some(Likeness { psnr, ssim: ssim / n, ssimulacra2: ssimulacra2 / n, views })
 }
 
 impl LossEstimate {
@@ -97,7 +100,7 @@ impl LossEstimate {
     #[must_use]
     pub fn worse(&self) -> Option<Likeness> {
         let all = [self.at_cameras, self.around].into_iter().flatten();
-        all.min_by(|a, b| a.psnr.total_cmp(&b.psnr))
+        all.min_by(|a, b| b.level().cmp(&a.level()).then(a.psnr.total_cmp(&b.psnr)))
     }
 
     /// Whether the loss at the cameras and around the model differs by so much that one figure hides it.
@@ -119,20 +122,38 @@ impl LossEstimate {
     }
 }
 
+/// What the PSNR (dB) and the SSIMULACRA2 must reach for these words, both rounded to whole numbers. At 90 SSIMULACRA2
+/// means that no difference is seen side by side at a normal distance; 70 is its high, 30 its low quality.
+const LEVELS: [(f64, f64, &str); 4] = [
+    (50.0, 90.0, "no difference can be seen"),
+    (40.0, 80.0, "differences are hard to see"),
+    (35.0, 70.0, "small differences show side by side"),
+    (Likeness::POOR, 30.0, "differences can be seen"),
+];
+
 impl Likeness {
     /// Below this the difference is worth a warning, dB.
     pub const POOR: f64 = 32.0;
 
-    /// What the PSNR means, rounded to whole dB.
+    /// What PSNR and SSIMULACRA2 mean: the less favourable of the two.
     #[must_use]
     pub fn meaning(&self) -> &'static str {
-        match self.psnr.round() {
-            p if p >= 50.0 => "no difference can be seen",
-            p if p >= 40.0 => "differences are hard to see",
-            p if p >= 35.0 => "small differences show side by side",
-            p if p >= Self::POOR => "differences can be seen",
-            _ => "differences are easy to see",
-        }
+        LEVELS.get(self.level()).map_or("differences are easy to see", |level| level.2)
+    }
+
+    /// Whether the difference is worth a warning.
+    #[must_use]
+    pub fn is_poor(&self) -> bool {
+        self.level() == LEVELS.len()
+    }
+
+    /// The first of the levels that is reached, or their number.
+    fn level(&self) -> usize {
+        let below = |value: f64, least: f64| value.round() < least;
+        let missed = |&(psnr, ssimulacra2, _): &(f64, f64, _)| {
+            below(self.psnr, psnr) || below(self.ssimulacra2, ssimulacra2)
+        };
+        LEVELS.iter().take_while(|level| missed(level)).count()
     }
 }
 

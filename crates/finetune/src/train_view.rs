@@ -6,7 +6,7 @@ use gs_model::{Camera, Scene};
 use crate::error::{Error, Result};
 use crate::forward::render;
 use crate::image::Photo;
-use crate::metrics::Scores;
+use crate::metrics::{Scores, ssimulacra2};
 use crate::options::RenderOptions;
 
 /// A posed photo to train on.
@@ -31,6 +31,13 @@ impl TrainView {
     #[must_use]
     pub fn psnr(&self, scene: &Scene) -> f64 {
         self.photo.psnr_of(&render(scene, &self.camera, &RenderOptions::default()))
+    }
+
+    /// SSIMULACRA2 of a scene's render against the photo.
+    #[must_use]
+    pub fn ssimulacra2(&self, scene: &Scene) -> f64 {
+        let shown = render(scene, &self.camera, &RenderOptions::default());
+        ssimulacra2(&shown, &self.photo.image())
     }
 
     /// All scores of a scene's render against the photo; a PSNR is at most 100 dB.

@@ -1,6 +1,6 @@
 //! The estimate of a loss does not trust the cameras that chose what was kept.
 
-use finetune::{doubted_loss, estimate_loss};
+use finetune::{Likeness, doubted_loss, estimate_loss};
 use gs_model::{Camera, Scene};
 
 /// Two desks, and cameras that see the first one only.
@@ -35,4 +35,20 @@ fn a_loss_that_the_cameras_do_not_see_is_told() {
     let same = estimate_loss(&scene, &scene, Some(&cameras));
     assert_eq!(doubted_loss(&scene, &scene, &cameras), None);
     assert!(same.worse().unwrap().psnr == 99.0 && !same.is_far_apart());
+}
+
+#[test]
+fn the_words_are_those_of_the_less_favourable_measure() {
+    let words = |psnr, ssimulacra2| {
+        let likeness = Likeness { psnr, ssim: 1.0, ssimulacra2, views: 1 };
+        (likeness.meaning(), likeness.is_poor())
+    };
+    assert_eq!(words(99.0, 100.0), ("no difference can be seen", false));
+    assert_eq!(words(99.0, 81.0), ("differences are hard to see", false));
+    assert_eq!(words(41.0, 95.0), ("differences are hard to see", false));
+    assert_eq!(words(36.0, 40.0), ("differences can be seen", false));
+    assert_eq!(words(50.0, 20.0), ("differences are easy to see", true));
+    assert_eq!(words(20.0, 90.0), ("differences are easy to see", true));
+    // Pictures below 8 pixels have no SSIMULACRA2.
+    assert_eq!(words(41.0, f64::NAN), ("differences are hard to see", false));
 }

@@ -17,7 +17,8 @@ use finetune::{LossEstimate, References};
 use gs_model::{Camera, Format, Scene, chain};
 use gsvx::importance::with_unseen;
 use gsvx::{
-    Aim, Choices, EncodeProgress, EncodeWarning, Encoder, LEFT_OUT, Leaves, Made, MaxError, Missed,
+    Aim, Choices, EncodeProgress, EncodeWarning, Encoder, LEFT_OUT, Leaves, Made, MaxError,
+    Measure, Missed,
 };
 use indicatif::DecimalBytes;
 use serde_json::{Value, json};
@@ -60,6 +61,12 @@ pub(crate) struct EncodeArgs {
     /// The PSNR is that of renders of the stream against renders of the input.
     #[arg(long, value_name = "DB", group = "rate", requires = "cameras", value_parser = finite)]
     target_psnr: Option<f64>,
+    /// Smallest stream whose renders reach this SSIMULACRA2; needs --cameras.
+    ///
+    /// 90: no difference is seen side by side at a normal distance. 70: high quality. 50: medium. It is that of renders of
+    /// the stream against renders of the input.
+    #[arg(long, value_name = "SCORE", group = "rate", requires = "cameras", value_parser = score)]
+    target_ssimulacra2: Option<f64>,
     /// Near-lossless: no Gaussian is merged, and no attribute is off by more than this. 0.01, say, or
     /// 0.01,mean=0.05 for other bounds by name.
     ///
@@ -112,12 +119,18 @@ impl EncodeArgs {
         self.target_mbit.map(|mbit| (mbit * 1e6 / 8.0) as u64).or(self.target_bytes)
     }
 
-    /// What the stream aims for; `measure` tells the PSNR of a decoded scene.
-    fn aim<'a>(&self, measure: Option<impl FnMut(&Scene) -> f64 + 'a>) -> Aim<'a> {
-        match (self.most_bytes(), self.target_psnr.zip(measure), self.max_error) {
+    /// What its renders are measured by, and the value that they shall reach.
+    fn likeness(&self) -> Option<(Measure, f64)> {
+        let psnr = self.target_psnr.map(|target| (Measure::Psnr, target));
+        psnr.or(self.target_ssimulacra2.map(|target| (Measure::Ssimulacra2, target)))
+    }
+
+    /// What the stream aims for; `value` is that of a decoded scene, by the measure.
+    fn aim<'a>(&self, value: Option<Box<dyn FnMut(&Scene) -> f64 + 'a>>) -> Aim<'a> {
+        match (self.most_bytes(), self.likeness().zip(value), self.max_error) {
             _ if self.lossless => Aim::Lossless,
             (Some(bytes), ..) => Aim::Bytes(bytes),
-            (_, Some((db, measure)), _) => Aim::Psnr { db, measure: Box::new(measure) },
+            (_, Some(((measure, target), value)), _) => Aim::Alike { measure, target, value },
             (.., Some(bounds)) => Aim::MaxError(bounds),
             _ => Aim::Quality(self.scene.content.quality()),
         }
@@ -137,7 +150,7 @@ impl EncodeArgs {
 
     /// The choices of a scene larger than memory, where the flags go with that.
     fn choices(&self) -> gsvx::Result<Choices> {
-        let aim = self.aim(self.target_psnr.map(|_| |_: &Scene| f64::NAN));
+        let aim = self.aim(Some(Box::new(|_| f64::NAN)));
         self.encoder(aim).choices(self.scene.content.cameras.is_some())
     }
 }
@@ -151,6 +164,11 @@ fn fraction(text: &str) -> Result<f64, String> {
 /// A number of dB on the command line.
 pub(crate) fn finite(text: &str) -> Result<f64, String> {
     size::number(text, |v| v.is_finite(), "use a number of dB")
+}
+
+/// An SSIMULACRA2 on the command line.
+fn score(text: &str) -> Result<f64, String> {
+    size::number(text, |v| *v <= 100.0, "use a number up to 100")
 }
 
 /// Encodes the models.
@@ -344,7 +362,8 @@ impl Done {
         json!({
             "gaussians": encoded.index.header.count,
             "quality": self.made.quality,
-            "psnr": self.made.psnr,
+            "psnr": self.made.measured.filter(|m| m.0 == Measure::Psnr).map(|m| m.1),
+            "ssimulacra2": self.made.measured.filter(|m| m.0 == Measure::Ssimulacra2).map(|m| m.1),
             "encodes": self.made.encodes,
             "transparent": encoded.transparent,
             "pruned": encoded.pruned,
@@ -394,11 +413,12 @@ fn encoded(args: &EncodeArgs, name: &str, mut scene: Scene) -> Result<Done> {
         }
         (cameras, origin) = (Some(training), from);
     }
-    // The PSNR is measured against the input before pruning.
-    let references = args.target_psnr.and(cameras.as_ref()).map(|c| references(&scene, c));
+    // The likeness is to the input before pruning.
+    let wanted = args.likeness().zip(cameras.as_ref());
+    let references = wanted.map(|((measure, _), cameras)| (references(&scene, cameras), measure));
     let estimated = !args.no_estimate && !args.lossless;
-    let measure = references.as_ref().map(|references| |scene: &Scene| references.psnr(scene));
-    let mut encoder = args.encoder(args.aim(measure));
+    let value = references.as_ref().map(|(references, measure)| tune::alike(references, *measure));
+    let mut encoder = args.encoder(args.aim(value));
     encoder.options.rows = importance.is_some();
     encoder.options.importance = importance;
     let mut bar = None;
@@ -446,9 +466,9 @@ fn aimed(args: &EncodeArgs, made: &Made) -> String {
         let bounds = max_error::human(&made.encoded);
         return bounds.unwrap_or_else(|| "every float bit for bit".into());
     };
-    let reached = match (made.missed, made.psnr) {
+    let reached = match (made.missed, made.measured) {
         (Some(Missed::Bytes { .. }), _) => "above the target".into(),
-        (_, Some(psnr)) => format!("{psnr:.2} dB from the input's renders"),
+        (_, Some((measure, value))) => format!("{} from the input's renders", measure.words(value)),
         (None, None) if made.encodes > 1 || args.most_bytes().is_some() => {
             let most = args.most_bytes().unwrap_or_default().max(1);
             let share = 100.0 * made.encoded.bytes.len() as f64 / most as f64;

@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 /// For a person: the worse of the loss at the cameras and around the model, and the other one if it is far from it.
 pub(crate) fn human(loss: &LossEstimate) -> String {
     let Some(worse) = loss.worse() else { return NOTHING.into() };
-    let Likeness { psnr, ssim, views } = worse;
+    let Likeness { psnr, ssim, ssimulacra2, views } = worse;
     let (here, there) = match loss.at_cameras {
         None => ("", None),
         Some(seen) if seen == worse => {
@@ -18,7 +18,8 @@ pub(crate) fn human(loss: &LossEstimate) -> String {
     let other = there.filter(|_| loss.is_far_apart());
     let other = other.map(|(place, l)| format!("; {place} about {:.0} dB", l.psnr));
     format!(
-        "estimated loss: about {psnr:.0} dB PSNR, SSIM {ssim:.3}, against the input in {}{here}: {}{}",
+        "estimated loss: about {psnr:.0} dB PSNR, SSIM {ssim:.3}, SSIMULACRA2 {ssimulacra2:.0}, against the input in \
+         {}{here}: {}{}",
         counted(views, "picture"),
         worse.meaning(),
         other.unwrap_or_default()
@@ -38,15 +39,15 @@ pub(crate) fn json(loss: &LossEstimate) -> Value {
 }
 
 fn one(likeness: &Likeness) -> Value {
-    let Likeness { psnr, ssim, views } = likeness;
-    json!({ "psnr": psnr, "ssim": ssim, "views": views, "meaning": likeness.meaning() })
+    let Likeness { psnr, ssim, ssimulacra2, views } = likeness;
+    let meaning = likeness.meaning();
+    json!({ "psnr": psnr, "ssim": ssim, "ssimulacra2": ssimulacra2, "views": views, "meaning": meaning })
 }
 
 /// What helps against a loss that is easy to see.
 pub(crate) fn warning(loss: &LossEstimate, drop_unseen: bool, by_cameras: bool) -> Option<String> {
-    let poor = |l: Likeness| l.psnr.round() < Likeness::POOR;
-    loss.worse().filter(|&l| poor(l))?;
-    Some(match (loss.at_cameras.is_some_and(poor), drop_unseen) {
+    loss.worse().filter(Likeness::is_poor)?;
+    Some(match (loss.at_cameras.is_some_and(|l| l.is_poor()), drop_unseen) {
         (false, true) => "away from the cameras the loss is easy to see; without --drop-unseen the rest is kept".into(),
         _ if by_cameras => "the loss is easy to see; a higher --quality keeps more".into(),
         _ => "the loss is easy to see; a higher --quality keeps more, and so does --cameras at the same size".into(),

@@ -50,6 +50,11 @@ fn targets_are_hit() {
     }
     let line = words("encode @ -o @ --force --target-psnr 34 --cameras @");
     ok(&line, &[&model(), &stream, &room]);
+    let line = words("encode --force --target-ssimulacra2 60 --cameras");
+    let (said, _) =
+        common::report(&[&line[..], &["@", "@", "-o", "@"]].concat(), &[&room, &model(), &stream]);
+    let reached = said["ssimulacra2"].as_f64().unwrap();
+    assert!((60.0..61.0).contains(&reached) && said["psnr"].is_null(), "{reached}");
 }
 
 #[test]

@@ -16,12 +16,15 @@ fn the_estimated_loss_is_within_2_db_of_what_compare_measures() {
     let (room, stream) = (room(), dir.path().join("a.gsvx"));
     let model = room.join("point_cloud.ply");
     let score = |said: &serde_json::Value| said["psnr"].as_f64().unwrap();
+    let third = |said: &serde_json::Value| said["ssimulacra2"].as_f64().unwrap();
     let mut before = 0.0;
     for quality in ["10", "50", "90"] {
         let words = ["encode", "--force", "-q", quality, "-o"];
         let (said, error) = report(&words, &[&stream, &model]);
         let estimate = score(&said["estimated_loss"]);
         let (truth, _) = report(&["compare", "--orbit", "8"], &[&model, &stream]);
+        let thirds = [third(&said["estimated_loss"]), third(&truth)];
+        assert!((thirds[0] - thirds[1]).abs() < 6.0, "quality {quality}: {thirds:?}");
         let truth = score(&truth);
         assert!((estimate - truth).abs() < 2.0, "quality {quality}: {estimate}, in truth {truth}");
         assert!(estimate > before);

@@ -6,7 +6,7 @@ use crate::cameras::{CameraArrays, Cameras};
 use crate::error::{Fault, Result};
 use finetune::{LossEstimate, References, Visibility};
 use gs_model::{Doubts, Limits, Scene};
-use gsvx::{Aim, EncodeProgress, Encoder, LEFT_OUT, Leaves, Made, MaxError};
+use gsvx::{Aim, EncodeProgress, Encoder, LEFT_OUT, Leaves, Made, MaxError, Measure};
 use numpy::PyArray1;
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyBytes, PyDict};
@@ -20,6 +20,7 @@ pub(crate) struct CompressOptions {
     quality: Option<f32>,
     target_bytes: Option<u64>,
     target_psnr: Option<f64>,
+    target_ssimulacra2: Option<f64>,
     lossless: bool,
     /// Bounds on mean, opacity, shape and SH.
     max_error: Option<(f32, f32, f32, f32)>,
@@ -39,15 +40,21 @@ pub(crate) struct CompressOptions {
 }
 
 impl CompressOptions {
-    /// An encoder that does what the options ask for; `measure` tells the PSNR of a decoded scene.
-    fn encoder<'a>(&self, measure: Option<impl FnMut(&Scene) -> f64 + 'a>) -> Encoder<'a> {
-        let aim = match (self.max_error, self.target_bytes, self.target_psnr.zip(measure)) {
+    /// What renders are measured by, and the value that they shall reach.
+    fn likeness(&self) -> Option<(Measure, f64)> {
+        let psnr = self.target_psnr.map(|target| (Measure::Psnr, target));
+        psnr.or(self.target_ssimulacra2.map(|target| (Measure::Ssimulacra2, target)))
+    }
+
+    /// An encoder that does what the options ask for; `value` is that of a decoded scene, by the measure.
+    fn encoder<'a>(&self, value: Option<Box<dyn FnMut(&Scene) -> f64 + 'a>>) -> Encoder<'a> {
+        let aim = match (self.max_error, self.target_bytes, self.likeness().zip(value)) {
             _ if self.lossless => Aim::Lossless,
             (Some((mean, opacity, shape, sh)), ..) => {
                 Aim::MaxError(MaxError { mean, opacity, shape, sh })
             }
             (_, Some(bytes), _) => Aim::Bytes(bytes),
-            (.., Some((db, measure))) => Aim::Psnr { db, measure: Box::new(measure) },
+            (.., Some(((measure, target), value))) => Aim::Alike { measure, target, value },
             _ => Aim::Quality(self.quality.unwrap_or(gsvx::DEFAULT_QUALITY)),
         };
         let mut encoder = Encoder::new(aim);
@@ -126,14 +133,14 @@ fn encode(
         done.warnings.extend(Doubts::of(&scene).sentences());
     }
     let seen = cameras.map(|cameras| seen(&scene, cameras, &mut done, line)).transpose()?;
-    // The PSNR is measured against the input before pruning.
-    let references = options.target_psnr.and(cameras).map(|cameras| {
+    // The likeness is to the input before pruning.
+    let references = options.likeness().zip(cameras).map(|((measure, _), cameras)| {
         let step = |done, all| line.step("renders of the input", done, all);
-        References::new(&scene, &cameras.list, step)
+        References::new(&scene, &cameras.list, step).map(|references| (references, measure))
     });
     let references = references.transpose()?;
-    let measure = references.as_ref().map(|references| |scene: &Scene| references.psnr(scene));
-    let mut encoder = options.encoder(measure);
+    let value = references.as_ref().map(|(references, measure)| tune::alike(references, *measure));
+    let mut encoder = options.encoder(value);
     encoder.options.importance = seen;
     let mut encodes = 0;
     encoder.on_progress(move |event| {
@@ -198,11 +205,15 @@ fn report<'py>(py: Python<'py>, done: &Done, input: usize) -> PyResult<Bound<'py
     out.set_item("input_gaussians", input)?;
     out.set_item("sh_degree", encoded.index.header.sh_degree)?;
     out.set_item("quality", made.quality)?;
-    out.set_item("psnr", made.psnr)?;
+    for measure in [Measure::Psnr, Measure::Ssimulacra2] {
+        let value = made.measured.filter(|m| m.0 == measure).map(|m| m.1);
+        out.set_item(measure.key(), value)?;
+    }
     let estimate = done.loss.and_then(|loss| {
         let psnr = |l: Option<finetune::Likeness>| l.map(|l| l.psnr);
         let [at_cameras, around] = [loss.at_cameras, loss.around].map(psnr);
-        loss.worse().map(|l| (l.psnr, l.ssim, l.views, l.meaning(), at_cameras, around))
+        loss.worse()
+            .map(|l| (l.psnr, l.ssim, l.ssimulacra2, l.views, l.meaning(), at_cameras, around))
     });
     out.set_item("estimate", estimate)?;
     out.set_item("encodes", made.encodes)?;

@@ -164,7 +164,9 @@ def test_a_target_is_met_or_missed_with_a_warning(splats):
         report = gsvx.compress(out, splats, target_bytes=100)
     assert report.missed and report.bytes > 100
     report = gsvx.compress(out, splats, cameras=ROOM, target_psnr=33)
-    assert 33 <= report.psnr < 33.5
+    assert 33 <= report.psnr < 33.5 and report.ssimulacra2 is None
+    report = gsvx.compress(out, splats, cameras=ROOM, target_ssimulacra2=60)
+    assert 60 <= report.ssimulacra2 < 61 and report.psnr is None
 
 
 def test_cameras_as_arrays_are_those_of_the_folder(splats):
@@ -206,6 +208,7 @@ def test_cameras_of_another_scene_are_an_error_or_a_warning(splats):
         (dict(quality=50, target_bytes=10), "only one of them"),
         (dict(preset="huge"), "preset: use tiny, web, high, archive"),
         (dict(target_psnr=30), "needs cameras"),
+        (dict(target_ssimulacra2=70), "needs cameras"),
         (dict(drop_unseen=True), "needs cameras"),
         (dict(lossless=True, prune=0.1), "lossless: cannot be used with prune"),
         (dict(max_error=0), "bound on the mean is 0"),
@@ -395,4 +398,5 @@ def test_an_estimate_of_the_loss(splats):
     low, high, seen = estimates
     assert low.views == high.views == 4 < seen.views <= 8
     assert 10 < low.psnr < high.psnr < 99 and low.ssim < high.ssim <= 1
+    assert low.ssimulacra2 < 30 and 75 < high.ssimulacra2 < 100
     assert low.meaning != high.meaning

@@ -1,8 +1,8 @@
 //! [`encode_judged`]: a stream, and how much less it shows than its model.
 
-use finetune::{LossEstimate, Visibility, doubted_loss, estimate_loss};
+use finetune::{LossEstimate, References, Visibility, doubted_loss, estimate_loss};
 use gs_model::{Camera, Scene};
-use gsvx::{Aim, DecodeOptions, Encoder, Made};
+use gsvx::{Aim, DecodeOptions, Encoder, Made, Measure};
 use std::convert::Infallible;
 
 use crate::trainer::Clock;
@@ -36,6 +36,15 @@ impl Judged {
             ),
         };
         Some(format!("{found}; are they its own? {}", finetune::MISFIT_CAUSES))
+    }
+}
+
+/// What [`gsvx::Aim::Alike`] wants to know of a decoded scene: its likeness to renders of the input.
+#[must_use]
+pub fn alike(references: &References, measure: Measure) -> Box<dyn FnMut(&Scene) -> f64 + '_> {
+    match measure {
+        Measure::Psnr => Box::new(|scene| references.psnr(scene)),
+        Measure::Ssimulacra2 => Box::new(|scene| references.ssimulacra2(scene)),
     }
 }
 

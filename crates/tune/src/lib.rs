@@ -28,7 +28,7 @@ mod undistort;
 mod views;
 
 pub use error::{Error, Result};
-pub use estimate::{Judged, doubt, encode_judged};
+pub use estimate::{Judged, alike, doubt, encode_judged};
 pub use fine_tune::{FineTune, FineTuneOptions, FineTuned};
 pub use options::{DEFAULT_QUALITY, Layout, Target, TuneOptions};
 pub use photos::{Photos, at_camera, check_photos, photo, photos};

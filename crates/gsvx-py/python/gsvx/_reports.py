@@ -35,12 +35,13 @@ def _callback(progress: Optional[ProgressCallback]) -> Optional[Callable[..., An
 
 @dataclass(frozen=True)
 class Estimate:
-    """How much less a stream shows than the input: ``psnr`` (dB, 99 for equal pictures) and ``ssim`` over parts of
-    ``views`` pictures, and what that means in words. With cameras these are the worse of two: at the cameras
+    """How much less a stream shows than the input: ``psnr`` (dB, 99 for equal pictures), ``ssim`` and
+    ``ssimulacra2`` over parts of ``views`` pictures, and what PSNR and SSIMULACRA2 mean in words. With cameras these are the worse of two: at the cameras
     (``at_cameras``, dB) and at views that depend on the model alone (``around``, dB)."""
 
     psnr: float
     ssim: float
+    ssimulacra2: float
     views: int
     meaning: str
     at_cameras: Optional[float] = None
@@ -53,8 +54,8 @@ class Report:
 
     ``bytes``: length of the stream. ``gaussians``: Gaussians in it, fewer than ``input_gaussians`` where
     some were merged. ``sh_degree``: of the stream; degrees that are zero everywhere are not stored.
-    ``quality``: 0 to 100, None for lossless. ``psnr``: of renders against renders of the input in dB, where
-    a target asked for it. ``encodes``: encodings that a search took. ``invalid``, ``pruned``: Gaussians left
+    ``quality``: 0 to 100, None for lossless. ``psnr`` (dB) or ``ssimulacra2``: of renders against renders of
+    the input, where a target asked for it. ``encodes``: encodings that a search took. ``invalid``, ``pruned``: Gaussians left
     out on request. ``transparent``: those left out that no rasterizer draws (opacity below 1/255).
     ``left_out``: those that cameras see too little of. ``outliers``: Gaussians coded
     bit for bit because they are far away. ``seen_opacity_share``, ``unseen``: with cameras, the share of the
@@ -72,6 +73,7 @@ class Report:
     sh_degree: int
     quality: Optional[float]
     psnr: Optional[float]
+    ssimulacra2: Optional[float]
     encodes: int
     invalid: int
     transparent: int

@@ -10,6 +10,7 @@ mod exact;
 mod join;
 pub mod latents;
 mod lod;
+mod measure;
 mod options;
 mod outliers;
 mod plan;
@@ -27,6 +28,7 @@ pub use encode::encode_voxels;
 pub use encoded::{CoarseCells, Encoded, LEFT_OUT};
 pub use exact::encode_lossless;
 pub use join::{Joined, join};
+pub use measure::Measure;
 pub use options::{DEFAULT_QUALITY, EncodeOptions, Leaves, MaxError, Seen};
 pub use plan::{Choices, Plan};
 pub use prepare::{Prepared, encode, prepare, prune};
@@ -47,13 +49,14 @@ pub enum Aim<'a> {
     Quality(f32),
     /// The best stream of at most so many bytes.
     Bytes(u64),
-    /// The smallest stream whose decoded scene reaches a PSNR. `measure` tells that of a scene, in dB, for example
-    /// by `finetune::References`.
-    Psnr {
-        /// The PSNR, in dB.
-        db: f64,
-        /// The PSNR of a decoded scene.
-        measure: Box<dyn FnMut(&Scene) -> f64 + 'a>,
+    /// The smallest stream whose renders are so alike to those of its model.
+    Alike {
+        /// By what measure.
+        measure: Measure,
+        /// Its value at least.
+        target: f64,
+        /// The value of a decoded scene, for example by `finetune::References`.
+        value: Box<dyn FnMut(&Scene) -> f64 + 'a>,
     },
     /// No Gaussian is merged, and no attribute is off by more.
     MaxError(MaxError),
@@ -102,8 +105,8 @@ pub struct Made {
     pub encoded: Encoded,
     /// Its quality, unless errors are bounded.
     pub quality: Option<f32>,
-    /// Its PSNR, if that was aimed for.
-    pub psnr: Option<f64>,
+    /// The value of the measure that was aimed for.
+    pub measured: Option<(Measure, f64)>,
     /// Streams that were encoded to find it.
     pub encodes: usize,
     /// Why it misses its aim, if it does. It comes as near as a stream can.
@@ -160,12 +163,14 @@ impl<'a> Encoder<'a> {
                 let found = rate::to_bytes(*most, at)?;
                 let smallest = found.encoded.bytes.len() as u64;
                 let missed = Missed::Bytes { wanted: *most, smallest };
-                Made::of(found, missed)
+                Made::of(found, None, missed)
             }
-            Aim::Psnr { db, measure } => {
-                let found = rate::to_measure(*db, at, |encoded| Ok(measure(&encoded.decode()?)))?;
+            Aim::Alike { measure, target, value } => {
+                let (measure, wanted) = (*measure, *target);
+                let value = |encoded: &Encoded| Ok(value(&encoded.decode()?));
+                let found = rate::to_measure(measure, wanted, at, value)?;
                 let best = found.measured.unwrap_or(f64::NAN);
-                Made::of(found, Missed::Psnr { wanted: *db, best })
+                Made::of(found, Some(measure), Missed::Alike { measure, wanted, best })
             }
         };
         made.warnings = warnings(scene, &made.encoded);
@@ -182,7 +187,7 @@ impl<'a> Encoder<'a> {
         let (quality, option) = match self.aim {
             Aim::Quality(quality) => (quality, None),
             Aim::Bytes(_) => (0.0, Some("a target size")),
-            Aim::Psnr { .. } => (0.0, Some("a target PSNR")),
+            Aim::Alike { .. } => (0.0, Some("a target PSNR or SSIMULACRA2")),
             Aim::MaxError(_) => (0.0, Some("a bound on the errors")),
             Aim::Lossless => (0.0, Some("lossless coding")),
         };
@@ -204,12 +209,12 @@ impl<'a> Encoder<'a> {
 
 impl Made {
     /// The result of a search.
-    fn of(found: Found<Encoded>, missed: Missed) -> Self {
+    fn of(found: Found<Encoded>, measure: Option<Measure>, missed: Missed) -> Self {
         let Found { encoded, quality, encodes, measured, reached } = found;
         Self {
             encoded,
             quality: Some(quality),
-            psnr: measured,
+            measured: measure.zip(measured),
             encodes,
             missed: (!reached).then_some(missed),
             warnings: Vec::new(),
@@ -232,9 +237,10 @@ mod tests {
         assert!(made.encoded.bytes.len() <= 3000 && made.encodes > 1 && made.missed.is_none());
         let made = Encoder::new(Aim::Bytes(10)).encode(&scene).unwrap();
         assert!(matches!(made.missed, Some(Missed::Bytes { wanted: 10, .. })));
-        let measure = Box::new(|scene: &Scene| scene.len() as f64);
-        let made = Encoder::new(Aim::Psnr { db: 1e9, measure }).encode(&scene).unwrap();
-        assert!(matches!(made.missed, Some(Missed::Psnr { .. })) && made.quality == Some(100.0));
+        let value = Box::new(|scene: &Scene| scene.len() as f64);
+        let aim = Aim::Alike { measure: Measure::Psnr, target: 1e9, value };
+        let made = Encoder::new(aim).encode(&scene).unwrap();
+        assert!(matches!(made.missed, Some(Missed::Alike { .. })) && made.quality == Some(100.0));
         let bounds = MaxError::all(0.1);
         let made = Encoder::new(Aim::MaxError(bounds)).encode(&scene).unwrap();
         assert!(made.encoded.max_error.is_some_and(|e| e.mean <= 0.1));

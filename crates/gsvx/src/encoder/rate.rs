@@ -4,6 +4,7 @@
 //! stream (it may voxelize differently at each quality); the search brackets the target and
 //! closes in by interpolating in the logarithm of the size, which is nearly linear in quality.
 
+use super::measure::Measure;
 use crate::error::Result;
 
 /// Qualities a search looks at; [`crate::EncodeOptions::from_quality`] accepts these.
@@ -13,14 +14,11 @@ const HIGHEST: f32 = 100.0;
 const MAX_ENCODES: usize = 14;
 /// A stream this close below the byte target ends the search.
 const BYTES_TOLERANCE: f64 = 0.005;
-/// A measure this close above its target ends the search (dB for PSNR).
-const MEASURE_TOLERANCE: f64 = 0.02;
 /// Where a search begins.
 const FIRST: f32 = 50.0;
-/// How the logarithm of the size and a PSNR in dB grow per quality point, on the scenes measured:
-/// only how far the second encode goes depends on it.
+/// How the logarithm of the size grows per quality point, on the scenes measured: only how far the second encode goes
+/// depends on it.
 const LOG_BYTES_PER_POINT: f64 = 0.034;
-const DB_PER_POINT: f64 = 0.34;
 /// Steps out of the known range go this much too far, so that the target ends up between.
 const OVERSHOOT: f64 = 1.2;
 
@@ -69,27 +67,28 @@ pub fn to_bytes<T: AsRef<[u8]>>(
     Ok(Found { measured: None, ..found })
 }
 
-/// The smallest stream found whose measure (larger is better, say PSNR in dB) reaches `target`.
+/// The smallest stream found whose value by a measure reaches `target`.
 ///
 /// If even the best quality falls short, that stream is returned, and [`Found::reached`] is false.
 ///
 /// # Errors
-/// Errors of `encode` and `measure`.
+/// Errors of `encode` and `value`.
 pub(crate) fn to_measure<T>(
+    measure: Measure,
     target: f64,
     mut encode: impl FnMut(f32) -> Result<T>,
-    mut measure: impl FnMut(&T) -> Result<f64>,
+    mut value: impl FnMut(&T) -> Result<f64>,
 ) -> Result<Found<T>> {
     let search = Search {
-        aim: target + 0.5 * MEASURE_TOLERANCE,
-        per_point: DB_PER_POINT,
+        aim: target + 0.5 * measure.tolerance(),
+        per_point: measure.per_point(),
         reaches: |value| value >= target,
-        near: |value| value <= target + MEASURE_TOLERANCE,
+        near: |value| value <= target + measure.tolerance(),
         best: LOWEST,
     };
     search.run(|quality| {
         let encoded = encode(quality)?;
-        let value = measure(&encoded)?;
+        let value = value(&encoded)?;
         Ok((encoded, value))
     })
 }
@@ -193,8 +192,8 @@ mod tests {
     #[test]
     fn measures_are_reached_and_barely() {
         for target in [12.0, 25.0, 33.3, 39.0] {
-            let measure = |e: &Vec<u8>| Ok(10.0 * libm::log10(e.len() as f64));
-            let found = to_measure(target, coder(10.0), measure).unwrap();
+            let value = |e: &Vec<u8>| Ok(10.0 * libm::log10(e.len() as f64));
+            let found = to_measure(Measure::Psnr, target, coder(10.0), value).unwrap();
             let got = found.measured.unwrap();
             let best = 10.0 * libm::log10(320.0);
             if target < best {

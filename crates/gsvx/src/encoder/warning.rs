@@ -1,6 +1,7 @@
 //! What the user of a stream should know: warnings, and why a stream misses its aim.
 
 use super::encoded::{CoarseCells, Encoded};
+use super::measure::Measure;
 use gs_model::Scene;
 use std::fmt;
 
@@ -15,8 +16,10 @@ pub enum Missed {
         smallest: u64,
     },
     /// The best stream is worse.
-    Psnr {
-        /// PSNR at least, in dB.
+    Alike {
+        /// What is measured.
+        measure: Measure,
+        /// Its value at least.
         wanted: f64,
         /// That of the best stream.
         best: f64,
@@ -31,10 +34,11 @@ impl fmt::Display for Missed {
                 "the target of {wanted} bytes is below the smallest stream of this scene, {smallest} bytes; \
                  pruning, or a lower SH degree, makes smaller ones"
             ),
-            Self::Psnr { wanted, best } => write!(
+            Self::Alike { measure, wanted, best } => write!(
                 f,
-                "its renders reach {best:.2} dB, not {wanted:.2}: quality 100 is the best there is; lossless \
-                 coding keeps every float"
+                "its renders reach {}, not {wanted:.2}: quality 100 is the best there is; lossless coding keeps every \
+                 float",
+                measure.words(*best)
             ),
         }
     }
