@@ -125,12 +125,12 @@ impl EncodeArgs {
         psnr.or(self.target_ssimulacra2.map(|target| (Measure::Ssimulacra2, target)))
     }
 
-    /// What the stream aims for; `value` is that of a decoded scene, by the measure.
-    fn aim<'a>(&self, value: Option<Box<dyn FnMut(&Scene) -> f64 + 'a>>) -> Aim<'a> {
-        match (self.most_bytes(), self.likeness().zip(value), self.max_error) {
+    /// What the stream aims for; `alike` is [`Self::likeness`] as an aim.
+    fn aim<'a>(&self, alike: Option<Aim<'a>>) -> Aim<'a> {
+        match (self.most_bytes(), alike, self.max_error) {
             _ if self.lossless => Aim::Lossless,
             (Some(bytes), ..) => Aim::Bytes(bytes),
-            (_, Some(((measure, target), value)), _) => Aim::Alike { measure, target, value },
+            (_, Some(alike), _) => alike,
             (.., Some(bounds)) => Aim::MaxError(bounds),
             _ => Aim::Quality(self.scene.content.quality()),
         }
@@ -150,8 +150,10 @@ impl EncodeArgs {
 
     /// The choices of a scene larger than memory, where the flags go with that.
     fn choices(&self) -> gsvx::Result<Choices> {
-        let aim = self.aim(Some(Box::new(|_| f64::NAN)));
-        self.encoder(aim).choices(self.scene.content.cameras.is_some())
+        let value = Box::new(|_: &Scene| f64::NAN);
+        let alike = |(measure, target)| Aim::Alike { measure, target, value };
+        self.encoder(self.aim(self.likeness().map(alike)))
+            .choices(self.scene.content.cameras.is_some())
     }
 }
 
@@ -414,11 +416,12 @@ fn encoded(args: &EncodeArgs, name: &str, mut scene: Scene) -> Result<Done> {
         (cameras, origin) = (Some(training), from);
     }
     // The likeness is to the input before pruning.
-    let wanted = args.likeness().zip(cameras.as_ref());
-    let references = wanted.map(|((measure, _), cameras)| (references(&scene, cameras), measure));
+    let likeness = args.likeness().zip(cameras.as_ref());
+    let likeness = likeness.map(|(wanted, cameras)| (references(&scene, cameras), wanted));
     let estimated = !args.no_estimate && !args.lossless;
-    let value = references.as_ref().map(|(references, measure)| tune::alike(references, *measure));
-    let mut encoder = args.encoder(args.aim(value));
+    let alike =
+        likeness.as_ref().map(|(references, (m, target))| tune::alike(references, *m, *target));
+    let mut encoder = args.encoder(args.aim(alike));
     encoder.options.rows = importance.is_some();
     encoder.options.importance = importance;
     let mut bar = None;

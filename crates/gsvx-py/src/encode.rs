@@ -46,15 +46,15 @@ impl CompressOptions {
         psnr.or(self.target_ssimulacra2.map(|target| (Measure::Ssimulacra2, target)))
     }
 
-    /// An encoder that does what the options ask for; `value` is that of a decoded scene, by the measure.
-    fn encoder<'a>(&self, value: Option<Box<dyn FnMut(&Scene) -> f64 + 'a>>) -> Encoder<'a> {
-        let aim = match (self.max_error, self.target_bytes, self.likeness().zip(value)) {
+    /// An encoder that does what the options ask for; `alike` is [`Self::likeness`] as an aim.
+    fn encoder<'a>(&self, alike: Option<Aim<'a>>) -> Encoder<'a> {
+        let aim = match (self.max_error, self.target_bytes, alike) {
             _ if self.lossless => Aim::Lossless,
             (Some((mean, opacity, shape, sh)), ..) => {
                 Aim::MaxError(MaxError { mean, opacity, shape, sh })
             }
             (_, Some(bytes), _) => Aim::Bytes(bytes),
-            (.., Some(((measure, target), value))) => Aim::Alike { measure, target, value },
+            (.., Some(alike)) => alike,
             _ => Aim::Quality(self.quality.unwrap_or(gsvx::DEFAULT_QUALITY)),
         };
         let mut encoder = Encoder::new(aim);
@@ -134,13 +134,13 @@ fn encode(
     }
     let seen = cameras.map(|cameras| seen(&scene, cameras, &mut done, line)).transpose()?;
     // The likeness is to the input before pruning.
-    let references = options.likeness().zip(cameras).map(|((measure, _), cameras)| {
+    let references = options.likeness().zip(cameras).map(|(wanted, cameras)| {
         let step = |done, all| line.step("renders of the input", done, all);
-        References::new(&scene, &cameras.list, step).map(|references| (references, measure))
+        References::new(&scene, &cameras.list, step).map(|references| (references, wanted))
     });
     let references = references.transpose()?;
-    let value = references.as_ref().map(|(references, measure)| tune::alike(references, *measure));
-    let mut encoder = options.encoder(value);
+    let alike = references.as_ref().map(|(r, (measure, target))| tune::alike(r, *measure, *target));
+    let mut encoder = options.encoder(alike);
     encoder.options.importance = seen;
     let mut encodes = 0;
     encoder.on_progress(move |event| {

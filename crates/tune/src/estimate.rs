@@ -39,13 +39,14 @@ impl Judged {
     }
 }
 
-/// What [`gsvx::Aim::Alike`] wants to know of a decoded scene: its likeness to renders of the input.
+/// The smallest stream whose renders are so alike to renders of the input.
 #[must_use]
-pub fn alike(references: &References, measure: Measure) -> Box<dyn FnMut(&Scene) -> f64 + '_> {
-    match measure {
-        Measure::Psnr => Box::new(|scene| references.psnr(scene)),
-        Measure::Ssimulacra2 => Box::new(|scene| references.ssimulacra2(scene)),
-    }
+pub fn alike(references: &References, measure: Measure, target: f64) -> Aim<'_> {
+    let value = move |scene: &Scene| match measure {
+        Measure::Psnr => references.psnr(scene),
+        Measure::Ssimulacra2 => references.ssimulacra2(scene),
+    };
+    Aim::Alike { measure, target, value: Box::new(value) }
 }
 
 /// Encodes `scene`, and estimates how much less the stream shows if that is `told`.
