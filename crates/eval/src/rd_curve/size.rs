@@ -41,14 +41,15 @@ pub fn run(options: &SizeOptions) -> Result<()> {
     let sizes = runs.iter().map(|r| format!("{} {}", r.scene, r.original.gaussians));
     let mut page = Page::new(&options.out, "How small?");
     page.text(format!(
-        "`cargo xtask bench-size {}`: no fine-tune, sizes of whole streams, PSNR as the mean over the held-out views \
-         against the photos. Gaussians: {}. Other codecs are recorded beside the scenes, or else written and measured here.",
+        "`cargo xtask bench-size {}`: no fine-tune, sizes of whole streams, scores as means over the held-out views against \
+         the photos. Gaussians: {}. Other codecs are recorded beside the scenes, or else written and measured here.",
         scenes.join(" "),
         sizes.collect::<Vec<_>>().join(", "),
     ));
     page.chart("", chart(runs.first().context("no scene")?));
     page.text(
-        "BD-rate of gsvx with cameras, by pchip on the hulls of the points. A dash: not recorded, or no common range.",
+        "BD-rate of gsvx with cameras, %, by PSNR / SSIM / SSIMULACRA2: by pchip on the hulls of the points. A dash: not \
+         recorded, or no common range.",
     );
     page.table(&against(&runs, &scenes));
     page.table(&points(&runs)?);
@@ -71,7 +72,7 @@ fn against(runs: &[Run], scenes: &[&str]) -> Table {
         let mut row = cells![in_words(&bd.anchor)];
         row.extend(runs.iter().map(|run| {
             let found = run.bd.iter().find(|b| b.test == GSVX && b.anchor == bd.anchor);
-            signed(found.and_then(|b| b.rates[0]), 2, " %")
+            found.map_or([None; 3], |b| b.rates).map(|rate| signed(rate, 1, "")).join(" / ")
         }));
         table.row(row);
     }
