@@ -65,7 +65,8 @@ pub(crate) struct EncodeArgs {
     ///
     /// 90: no difference is seen side by side at a normal distance. 70: high quality. 50: medium. It is that of renders of
     /// the stream against renders of the input.
-    #[arg(long, value_name = "SCORE", group = "rate", requires = "cameras", value_parser = score)]
+    #[arg(long, value_name = "SCORE", group = "rate", requires = "cameras", value_parser = score,
+          hide_short_help = true)]
     target_ssimulacra2: Option<f64>,
     /// Near-lossless: no Gaussian is merged, and no attribute is off by more than this. 0.01, say, or
     /// 0.01,mean=0.05 for other bounds by name.
