@@ -9,6 +9,7 @@ use std::process::{Command, Stdio};
 use anyhow::{Context, Result, ensure};
 use eval::scenes::{self, DEFAULT};
 use serde_json::{Map, Value, json};
+use xshell::{Shell, cmd};
 
 use crate::npm;
 
@@ -41,15 +42,20 @@ pub(crate) fn run(args: &DemoArgs) -> Result<()> {
 pub(crate) fn make(scene: &str, out: &Path) -> Result<()> {
     npm::needed()?;
     let files = scenes::find(scene)?;
-    std::fs::create_dir_all(out).with_context(|| format!("{}: not made", out.display()))?;
-    let model = files.dataset.model_path.as_path();
-    let gsvx = Gsvx(eval::gsvx_command()?);
-    let encode = ["encode", "--web", "--quality", UNTUNED_QUALITY, "--force"].map(Path::new);
-    let tune = ["tune", "--web", "--effort", "quick", "--quality", TUNED_QUALITY, "--force"];
-    let tune = tune.map(Path::new);
-    let cameras = [Path::new("--cameras"), &files.dataset.dir];
-    let original = gsvx.stream(&encode, model, &out.join("original.gsvx"))?;
-    let tuned = gsvx.stream(&[&tune[..], &cameras].concat(), model, &out.join("tuned.gsvx"))?;
+    let sh = Shell::new()?;
+    sh.create_dir(out)?;
+    let (model, cameras) = (files.dataset.model_path.as_path(), &files.dataset.dir);
+    let gsvx = eval::gsvx_command()?;
+    let stream = |words: &[&str], cameras: &[&Path], name: &str| -> Result<Value> {
+        let stream = out.join(name);
+        let command =
+            cmd!(sh, "{gsvx} --json {words...} {model} --web --force -o {stream} {cameras...}");
+        let report = command.quiet().read()?;
+        serde_json::from_str(&report).context("the report of gsvx is no JSON")
+    };
+    let original = stream(&["encode", "--quality", UNTUNED_QUALITY], &[], "original.gsvx")?;
+    let tune = ["tune", "--effort", "quick", "--quality", TUNED_QUALITY];
+    let tuned = stream(&tune, &[Path::new("--cameras"), cameras], "tuned.gsvx")?;
     let facts = json!({
         "name": files.name,
         "plyBytes": model.metadata()?.len(),
@@ -61,37 +67,23 @@ pub(crate) fn make(scene: &str, out: &Path) -> Result<()> {
             "file": "tuned.gsvx", "bytes": tuned["bytes"], "quality": tuned["quality"], "psnr": tuned["psnr"],
             "modelPsnr": tuned["input_psnr"],
         },
-        "start": gsvx.start(model)?,
+        "start": start(&gsvx, model)?,
     });
     npm::page("viewer/demo.mjs", &[out, Path::new(&facts.to_string())])
 }
 
-/// The command.
-struct Gsvx(PathBuf);
-
-impl Gsvx {
-    /// Makes a stream; returns the report.
-    fn stream(&self, words: &[&Path], model: &Path, stream: &Path) -> Result<Value> {
-        let mut command = Command::new(&self.0);
-        command.arg("--json").args(words).arg(model).arg("-o").arg(stream).stderr(Stdio::inherit());
-        let done = command.output().with_context(|| format!("start {}", self.0.display()))?;
-        ensure!(done.status.success(), "gsvx made no {}", stream.display());
-        serde_json::from_slice(&done.stdout).context("the report of gsvx is no JSON")
-    }
-
-    /// The camera at which `gsvx view` starts, out of the address that it prints.
-    fn start(&self, model: &Path) -> Result<Value> {
-        let mut command = Command::new(&self.0);
-        command.args(["--json", "view", "--no-open"]).arg(model).stdout(Stdio::piped());
-        let mut server = command.spawn().with_context(|| format!("start {}", self.0.display()))?;
-        let mut line = String::new();
-        let read = server.stdout.take().map(|out| BufReader::new(out).read_line(&mut line));
-        server.kill()?;
-        server.wait()?;
-        read.transpose()?;
-        let report: Value = serde_json::from_str(&line).context("gsvx view says no address")?;
-        camera(report["url"].as_str().unwrap_or_default())
-    }
+/// The camera at which `gsvx view` starts, out of the address that it prints.
+fn start(gsvx: &Path, model: &Path) -> Result<Value> {
+    let mut command = Command::new(gsvx);
+    command.args(["--json", "view", "--no-open"]).arg(model).stdout(Stdio::piped());
+    let mut server = command.spawn().with_context(|| format!("start {}", gsvx.display()))?;
+    let mut line = String::new();
+    let read = server.stdout.take().map(|out| BufReader::new(out).read_line(&mut line));
+    server.kill()?;
+    server.wait()?;
+    read.transpose()?;
+    let report: Value = serde_json::from_str(&line).context("gsvx view says no address")?;
+    camera(report["url"].as_str().unwrap_or_default())
 }
 
 /// The camera in an address of `gsvx view`, as the page takes it.

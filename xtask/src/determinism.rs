@@ -4,11 +4,10 @@
 //! What is hashed is in `xtask/determinism`, a package that also builds for WebAssembly (run in
 //! Node) and 64-bit Arm (run by qemu's user mode). What cannot be had is skipped, and said.
 
-use std::path::PathBuf;
-use std::process::Command;
+use anyhow::{Result, bail, ensure};
+use xshell::cmd;
 
-use anyhow::{Context, Result, bail, ensure};
-
+use crate::commands::{self, shell};
 use crate::needs::{self, ARM, ARM_LIBRARY, ARM_LINKER, Need, ON_ARM, QEMU, WASM};
 
 /// Arguments of `determinism`.
@@ -39,31 +38,36 @@ pub(crate) fn run(args: &DeterminismArgs) -> Result<()> {
     if args.strict && !skipped.is_empty() {
         bail!("{} targets were skipped", skipped.len());
     }
+    let sh = shell("xtask/determinism")?;
+    let build = |target, profile| commands::build(&sh, &[], target, profile);
     let mut runs: Vec<(String, String)> = Vec::new();
+    let mut add = |name: String, command: xshell::Cmd<'_>| -> Result<()> {
+        let text = command.quiet().read()?;
+        println!("{name}");
+        runs.push((name, text));
+        Ok(())
+    };
     let profiles: &[&str] = if args.quick { &["release"] } else { &["release", "debug"] };
     for profile in profiles.iter().copied() {
         let binary = build(None, profile)?.join("gsvx-determinism");
         for threads in THREADS {
-            let text = output(Command::new(&binary).env("RAYON_NUM_THREADS", threads))?;
-            println!("{profile}, {threads} threads");
-            runs.push((format!("{}, {profile}, {threads} threads", std::env::consts::ARCH), text));
+            let own = cmd!(sh, "{binary}").env("RAYON_NUM_THREADS", threads);
+            add(format!("{}, {profile}, {threads} threads", std::env::consts::ARCH), own)?;
         }
     }
     if web.is_none() {
         let module = build(Some(WASM), "release")?.join("gsvx_determinism.wasm");
-        let script = package().join("run.mjs");
-        let text = output(Command::new("node").arg(script).arg(module))?;
-        println!("{WASM}");
-        runs.push((format!("{WASM} in Node, release, no threads"), text));
+        let node = cmd!(sh, "node run.mjs {module}");
+        add(format!("{WASM} in Node, release, no threads"), node)?;
     }
     if arm.is_none() {
+        let linker = format!("CARGO_TARGET_{}_LINKER", ARM.to_uppercase().replace('-', "_"));
+        let _linker = sh.push_env(linker, ARM_LINKER);
         let binary = build(Some(ARM), "release")?.join("gsvx-determinism");
         for threads in ["1", "3"] {
-            let mut qemu = Command::new(QEMU);
-            qemu.args(["-L", ARM_LIBRARY]).arg(&binary);
-            let text = output(qemu.env("RAYON_NUM_THREADS", threads))?;
-            println!("{ARM}, {threads} threads");
-            runs.push((format!("{ARM} in qemu, release, {threads} threads"), text));
+            let qemu = cmd!(sh, "{QEMU} -L {ARM_LIBRARY} {binary}");
+            let name = format!("{ARM} in qemu, release, {threads} threads");
+            add(name, qemu.env("RAYON_NUM_THREADS", threads))?;
         }
     }
     let differing = differing(&runs);
@@ -71,39 +75,6 @@ pub(crate) fn run(args: &DeterminismArgs) -> Result<()> {
     println!("{} runs, {lines} lines each, {} differ", runs.len(), differing.len());
     ensure!(differing.is_empty(), "hashes differ: {}", differing.join("; "));
     Ok(())
-}
-
-fn package() -> PathBuf {
-    eval::scenes::root().join("xtask/determinism")
-}
-
-/// Builds the package; returns the folder of what was made.
-fn build(target: Option<&str>, profile: &str) -> Result<PathBuf> {
-    let dir = eval::scenes::root().join("target/determinism");
-    let mut cargo = Command::new("cargo");
-    cargo.current_dir(package()).args(["build", "--quiet", "--target-dir"]).arg(&dir);
-    if profile == "release" {
-        cargo.arg("--release");
-    }
-    let mut made = dir;
-    if let Some(target) = target {
-        cargo.args(["--target", target]);
-        let name = target.to_uppercase().replace('-', "_");
-        if target == ARM {
-            cargo.env(format!("CARGO_TARGET_{name}_LINKER"), ARM_LINKER);
-        }
-        made.push(target);
-    }
-    let status = cargo.status().context("start cargo")?;
-    ensure!(status.success(), "{}: does not build for {target:?}", package().display());
-    Ok(made.join(profile))
-}
-
-fn output(command: &mut Command) -> Result<String> {
-    let out = command.output().with_context(|| format!("start {command:?}"))?;
-    let error = String::from_utf8_lossy(&out.stderr);
-    ensure!(out.status.success(), "{command:?}: {}: {error}", out.status);
-    Ok(String::from_utf8(out.stdout)?)
 }
 
 /// The lines in which a run is not the first one.

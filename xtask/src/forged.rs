@@ -10,11 +10,13 @@ use std::process::{Command, Stdio};
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail, ensure};
-use eval::cells;
 use eval::page::{Page, Table};
+use eval::scenes;
 use serde_json::Value;
+use xshell::{Shell, cmd};
 
-use crate::needs::{Need, WASM};
+use crate::commands::{self, shell};
+use crate::needs::{self, Need, WASM};
 use crate::npm;
 
 /// A target of 32 bits whose programs run on a PC as they are.
@@ -68,32 +70,57 @@ impl Outcome {
 
 /// Decodes the streams at every border that there is, and compares.
 pub(crate) fn run(args: &ForgedArgs) -> Result<()> {
-    let own = build(None, args.quick)?.join("gsvx-forged");
+    let sh = &shell("xtask/forged")?;
+    let profile = if args.quick { "debug" } else { "release" };
+    // The library alone is what WebAssembly has.
+    let build = |target: Option<&str>| {
+        let what = if target == Some(WASM) { "--lib" } else { "--bins" };
+        commands::build(sh, &[what], target, profile)
+    };
+    let own = build(None)?.join("gsvx-forged");
+    let numbers = &[args.first, args.count].map(|n| n.to_string());
     let mut outcomes: Vec<Outcome> = Vec::new();
     let mut skipped = 0;
     let borders: [(&'static str, &dyn Fn() -> Result<Command>); 6] = [
-        ("Rust, 64 bits", &|| Ok(numbered(Command::new(&own), args))),
+        ("Rust, 64 bits", &|| Ok(cmd!(sh, "{own} {numbers...}").into())),
         ("Rust, i686", &|| {
             Need::Target(I686).get()?;
-            Ok(numbered(Command::new(build(Some(I686), args.quick)?.join("gsvx-forged")), args))
+            let program = build(Some(I686))?.join("gsvx-forged");
+            Ok(cmd!(sh, "{program} {numbers...}").into())
         }),
         ("Rust, wasm32 in Node", &|| {
-            Need::Target(WASM).get()?;
-            Need::Node.get()?;
-            let mut node = Command::new("node");
-            node.arg(package().join("run.mjs"));
-            node.arg(build(Some(WASM), args.quick)?.join("gsvx_forged.wasm"));
-            Ok(numbered(node, args))
+            needs::all(&[Need::Target(WASM), Need::Node])?;
+            let module = build(Some(WASM))?.join("gsvx_forged.wasm");
+            Ok(cmd!(sh, "node run.mjs {module} {numbers...}").into())
         }),
         (C, &|| c_program(args)),
-        (PYTHON, &|| python(args)),
-        (NPM, &node),
+        (PYTHON, &|| {
+            // Its path may be relative to the folder where the task was started.
+            let (here, python) = (Shell::new()?, &args.python);
+            let has = cmd!(here, "{python} -c 'import gsvx'").quiet().ignore_stderr();
+            has.run().with_context(|| {
+                let python = python.display();
+                format!(
+                    "{python} has no package gsvx: install it with `pip install ./crates/gsvx-py` and name the \
+                     interpreter with --python"
+                )
+            })?;
+            let script = sh.current_dir().join("decode.py");
+            Ok(cmd!(here, "{python} {script}").into())
+        }),
+        (NPM, &|| {
+            Need::Node.get()?;
+            let folder = npm::folder();
+            let is_built = folder.join("wasm").is_dir();
+            ensure!(is_built, "the npm package is not built: run `cargo xtask web`");
+            Ok(cmd!(sh, "node decode.mjs {folder}").into())
+        }),
     ];
     for (border, command) in borders {
         match command() {
             Ok(command) => {
                 let is_fed = [C, PYTHON, NPM].contains(&border);
-                let writer = is_fed.then(|| numbered(writer(&own), args));
+                let writer = is_fed.then(|| cmd!(sh, "{own} write {numbers...}").into());
                 let outcome = decode(border, command, writer)?;
                 println!("{border}: {} ({:.0} s)", outcome.figures, outcome.seconds);
                 outcomes.push(outcome);
@@ -104,9 +131,12 @@ pub(crate) fn run(args: &ForgedArgs) -> Result<()> {
             }
         }
     }
-    if let Err(why) = seeds(args.quick)? {
-        eprintln!("SKIPPED: seeds of the fuzz targets on 32 bits: {why:#}");
-        skipped += 1;
+    match Need::Target(I686).get() {
+        Ok(()) => seeds(args.quick)?,
+        Err(why) => {
+            eprintln!("SKIPPED: seeds of the fuzz targets on 32 bits: {why:#}");
+            skipped += 1;
+        }
     }
     let differing = differing(&outcomes);
     ensure!(differing.is_empty(), "forged streams: {}", differing.join("; "));
@@ -118,37 +148,17 @@ pub(crate) fn run(args: &ForgedArgs) -> Result<()> {
     }
 }
 
-fn package() -> PathBuf {
-    eval::scenes::root().join("xtask/forged")
-}
-
-fn numbered(mut command: Command, args: &ForgedArgs) -> Command {
-    command.args([args.first, args.count].map(|n| n.to_string()));
-    command
-}
-
-fn writer(own: &Path) -> Command {
-    let mut command = Command::new(own);
-    command.arg("write");
-    command
-}
-
 /// Mutations of each seed of a fuzz target.
 const MUTATIONS: &str = "300";
 
 /// Runs the seeds of the fuzz targets and mutations of them on 32 bits: none may fail, and unless it is to be quick, as many
-/// are accepted as on this machine. The inner error says why nothing runs.
-fn seeds(quick: bool) -> Result<Result<()>> {
-    if let Err(why) = Need::Target(I686).get() {
-        return Ok(Err(why));
-    }
-    let fuzz = eval::scenes::root().join("xtask/fuzz");
-    let accepted = |target: Option<&str>| {
-        let made = built(&fuzz, &["--example", "seeds"], target, true)?;
-        let mut seeds = Command::new(made.join("examples/seeds"));
-        let out = seeds.arg(made.join("seeds")).arg(MUTATIONS).stderr(Stdio::inherit()).output()?;
-        ensure!(out.status.success(), "seeds of the fuzz targets, {target:?}: {}", out.status);
-        Ok(String::from_utf8(out.stdout)?)
+/// are accepted as on this machine.
+fn seeds(quick: bool) -> Result<()> {
+    let sh = shell("xtask/fuzz")?;
+    let accepted = |target: Option<&str>| -> Result<String> {
+        let made = commands::build(&sh, &["--example", "seeds"], target, "debug")?;
+        let (program, folder) = (made.join("examples/seeds"), made.join("seeds"));
+        Ok(cmd!(sh, "{program} {folder} {MUTATIONS}").quiet().read()?)
     };
     let on_32_bits = accepted(Some(I686))?;
     if !quick {
@@ -156,76 +166,29 @@ fn seeds(quick: bool) -> Result<Result<()>> {
         ensure!(here == on_32_bits, "fuzz targets accept\n{here}and on 32 bits\n{on_32_bits}");
     }
     println!("Seeds of {} fuzz targets, i686: none failed", on_32_bits.lines().count());
-    Ok(Ok(()))
-}
-
-/// Builds the package; returns the folder of what was made.
-fn build(target: Option<&str>, quick: bool) -> Result<PathBuf> {
-    // The library alone is what WebAssembly has.
-    let what = if target == Some(WASM) { "--lib" } else { "--bins" };
-    built(&package(), &[what], target, quick)
-}
-
-/// Builds what the words name of a package; returns the folder of what was made.
-fn built(package: &Path, what: &[&str], target: Option<&str>, quick: bool) -> Result<PathBuf> {
-    let mut made = eval::scenes::root().join("target/forged");
-    let mut cargo = Command::new("cargo");
-    cargo.current_dir(package).args(["build", "--quiet", "--target-dir"]).arg(&made).args(what);
-    if let Some(target) = target {
-        cargo.args(["--target", target]);
-        made.push(target);
-    }
-    if !quick {
-        cargo.arg("--release");
-    }
-    let status = cargo.status().context("start cargo")?;
-    ensure!(status.success(), "{}: does not build for {target:?}", package.display());
-    Ok(made.join(if quick { "debug" } else { "release" }))
+    Ok(())
 }
 
 /// A program in C against the library.
 fn c_program(args: &ForgedArgs) -> Result<Command> {
-    let root = eval::scenes::root();
-    let made = root.join("target/forged");
+    let sh = Shell::new()?;
     let library = match &args.library {
         Some(library) => library.canonicalize().with_context(|| library.display().to_string())?,
         None => {
-            let mut cargo = Command::new("cargo");
-            cargo.current_dir(&root).args(["build", "--quiet", "-p", "gsvx-c", "--target-dir"]);
-            ensure!(cargo.arg(&made).status()?.success(), "gsvx-c does not build");
+            sh.change_dir(scenes::root());
+            let made = scenes::root().join("target/forged");
+            cmd!(sh, "cargo build --quiet -p gsvx-c --target-dir {made}").run()?;
             let [before, after] = [std::env::consts::DLL_PREFIX, std::env::consts::DLL_SUFFIX];
             made.join(format!("debug/{before}gsvx_c{after}"))
         }
     };
-    let (source, program) = (root.join("crates/gsvx-c"), made.join("hostile"));
-    let folder = library.parent().context("a library is in a folder")?;
-    let mut cc = Command::new("cc");
-    cc.args(["-std=c99", "-O1", "-I"]).arg(source.join("include")).arg("-o").arg(&program);
-    cc.arg(source.join("tests/c/hostile.c")).arg(&library);
-    cc.arg(format!("-Wl,-rpath,{}", folder.display()));
-    ensure!(cc.status().context("a C compiler (cc) is missing")?.success(), "cc failed");
+    sh.change_dir(scenes::root().join("crates/gsvx-c"));
+    let program = scenes::root().join("target/forged/hostile");
+    let rpath = format!("-Wl,-rpath,{}", library.parent().unwrap_or(&library).display());
+    let cc =
+        cmd!(sh, "cc -std=c99 -O1 -I include -o {program} tests/c/hostile.c {library} {rpath}");
+    cc.run().context("a C compiler (cc) is missing, or it fails")?;
     Ok(Command::new(program))
-}
-
-fn python(args: &ForgedArgs) -> Result<Command> {
-    let mut has = Command::new(&args.python);
-    has.args(["-c", "import gsvx"]).stderr(Stdio::null());
-    let python = args.python.display();
-    let install =
-        "install it with `pip install ./crates/gsvx-py` and name the interpreter with --python";
-    ensure!(has.status().is_ok_and(|s| s.success()), "{python} has no package gsvx: {install}");
-    let mut command = Command::new(&args.python);
-    command.arg(package().join("decode.py"));
-    Ok(command)
-}
-
-fn node() -> Result<Command> {
-    Need::Node.get()?;
-    let folder = npm::folder();
-    ensure!(folder.join("wasm").is_dir(), "the npm package is not built: run `cargo xtask web`");
-    let mut command = Command::new("node");
-    command.arg(package().join("decode.mjs")).arg(folder);
-    Ok(command)
 }
 
 /// Runs the program of a border, with the streams as its input if they come from a `writer`.
@@ -278,7 +241,8 @@ fn write(out: &Path, args: &ForgedArgs, outcomes: &[Outcome]) -> Result<()> {
     ));
     let mut table = Table::new("border | streams | a scene came out | failures | memory, MiB");
     for o in outcomes {
-        table.row(cells![o.border, count, o.figures["accepted"], o.failed(), o.peak()]);
+        let (border, accepted, failed) = (o.border, &o.figures["accepted"], o.failed());
+        table.row(format!("{border} | {count} | {accepted} | {failed} | {}", o.peak()));
     }
     page.table(&table);
     page.text(

@@ -1,5 +1,6 @@
 //! Project tasks: `cargo xtask --help`. A module a task; what they measure is in `eval`.
 
+mod commands;
 mod conformance;
 mod demo;
 mod determinism;
@@ -45,7 +46,7 @@ enum Task {
     /// Pathological scenes against the bounds of docs/accuracy.md
     Stress(stress::StressOptions),
     /// Sizes of streams on the test scenes, beside other codecs
-    BenchSize(rd_curve::SizeOptions),
+    BenchSize(bench::size::SizeOptions),
     /// gpcc-lite beside TMC13's recorded figures
     BenchGpcc(bench::gpcc::GpccOptions),
     /// Steps on a GPU beside the processor, by size of scene
@@ -78,7 +79,7 @@ fn main() -> ExitCode {
         Task::Determinism(args) => determinism::run(&args),
         Task::Forged(args) => forged::run(&args),
         Task::Stress(args) => stress::run(&args),
-        Task::BenchSize(args) => rd_curve::size(&args),
+        Task::BenchSize(args) => bench::size::run(&args),
         Task::BenchGpcc(args) => bench::gpcc::run(&args),
         Task::BenchGpu(args) => bench::gpu::run(&args),
         Task::BenchGsvx(args) => bench::gsvx::run(&args),

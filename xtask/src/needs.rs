@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::process::{Command, Stdio};
 
 use anyhow::{Result, bail};
+use eval::printed;
 
 /// Something that a task needs.
 pub(crate) enum Need {
@@ -134,12 +135,6 @@ fn on_path(name: &str) -> Option<PathBuf> {
     let name = format!("{name}{}", std::env::consts::EXE_SUFFIX);
     let path = std::env::var_os("PATH")?;
     std::env::split_paths(&path).map(|dir| dir.join(&name)).find(|file| file.is_file())
-}
-
-/// What a program prints, if it succeeds. It runs in the workspace, whose toolchain file names the compiler.
-fn printed(program: &str, words: &[&str]) -> Option<String> {
-    let out = Command::new(program).args(words).current_dir(eval::scenes::root()).output().ok()?;
-    out.status.success().then(|| String::from_utf8_lossy(&out.stdout).trim().to_owned())
 }
 
 /// Says the command and runs it; whether it succeeds.

@@ -4,11 +4,12 @@
 
 use std::fs::File;
 use std::path::Path;
-use std::process::Command;
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, bail};
+use xshell::cmd;
 use zip::ZipArchive;
 
+use crate::commands::shell;
 use crate::needs::{self, Need, WASM};
 use crate::npm;
 
@@ -36,13 +37,10 @@ pub(crate) fn run(args: &ReleaseArgs) -> Result<()> {
 
 /// All crates in order, each compiled from its package.
 fn crates(args: &ReleaseArgs) -> Result<()> {
-    let mut cargo = Command::new("cargo");
-    cargo.current_dir(eval::scenes::root());
-    cargo.args(["publish", "--workspace", "--dry-run", "--quiet", "--allow-dirty"]);
-    if args.no_verify {
-        cargo.arg("--no-verify");
-    }
-    ensure!(cargo.status().context("start cargo")?.success(), "the crates cannot be published");
+    let (sh, no_verify) = (shell("")?, args.no_verify.then_some("--no-verify"));
+    cmd!(sh, "cargo publish --workspace --dry-run --quiet --allow-dirty {no_verify...}")
+        .run()
+        .context("the crates cannot be published")?;
     println!("crates: all can be published");
     Ok(())
 }
@@ -53,28 +51,21 @@ fn npm() -> Result<()> {
         return Ok(());
     }
     let tarball = npm::package()?;
-    let listed = Command::new("tar").arg("-tzf").arg(&tarball).output().context("start tar")?;
-    ensure!(listed.status.success(), "{}: not a tarball", tarball.display());
-    let listed = String::from_utf8(listed.stdout)?;
+    let sh = shell("")?;
+    let listed = cmd!(sh, "tar -tzf {tarball}").quiet().read()?;
     let files = listed.lines().filter_map(|line| line.strip_prefix("package/"));
     check("npm package", "npm.txt", NPM, files.map(ToOwned::to_owned).collect())
 }
 
 fn wheel() -> Result<()> {
-    let root = eval::scenes::root();
-    let dir = root.join("out/wheel");
-    // Wheels of earlier versions would be looked into as well.
-    if dir.exists() {
-        std::fs::remove_dir_all(&dir)?;
-    }
-    let mut maturin = Command::new("maturin");
-    maturin.current_dir(root.join("crates/gsvx-py"));
-    maturin.args(["build", "--quiet", "--profile", "dev", "--out"]).arg(&dir);
-    let Ok(status) = maturin.status() else {
+    let (sh, dir) = (shell("crates/gsvx-py")?, eval::scenes::root().join("out/wheel"));
+    if cmd!(sh, "maturin --version").quiet().ignore_stderr().read().is_err() {
         eprintln!("SKIPPED: the wheel: maturin is missing: run `pip install maturin`");
         return Ok(());
-    };
-    ensure!(status.success(), "maturin makes no wheel");
+    }
+    // Wheels of earlier versions would be looked into as well.
+    sh.remove_path(&dir)?;
+    cmd!(sh, "maturin build --quiet --profile dev --out {dir}").run()?;
     let made = dir.read_dir()?.next().context("maturin made no wheel")??.path();
     check("wheel", "wheel.txt", WHEEL, wheel_files(&made)?)
 }
@@ -134,13 +125,13 @@ mod tests {
     }
     #[test]
     fn file_knows_a_stream_by_the_entry_of_docs() {
-        let root = eval::scenes::root();
-        let mut file = Command::new("file");
-        file.args(["--brief", "--mime-type", "-m"]).arg(root.join("docs/mime/magic"));
-        let Ok(said) = file.arg(root.join("fixtures/streams/default.gsvx")).output() else {
+        let stream = "fixtures/streams/default.gsvx";
+        if eval::printed("file", &["--version"]).is_none() {
             eprintln!("SKIPPED: file(1) is not installed");
             return;
-        };
-        assert_eq!(String::from_utf8_lossy(&said.stdout).trim(), "model/vnd.gsvx");
+        }
+        let said =
+            eval::printed("file", &["--brief", "--mime-type", "-m", "docs/mime/magic", stream]);
+        assert_eq!(said.as_deref(), Some("model/vnd.gsvx"));
     }
 }

@@ -91,7 +91,7 @@ pub(crate) fn run(args: &TrainArgs) -> Result<()> {
     gs_model::ply::write(&out, &trained.scene)?;
     // It holds nothing that the model does not.
     let _ = std::fs::remove_file(&checkpoint);
-    let (score, _) = measure::score(&trained.scene, &held_out, &Bar::hidden());
+    let score = measure::score("held-out photos", &trained.scene, &held_out);
     println!(
         "{}: {} Gaussians, {} steps, {:.0} s; held-out photos: {:.2} dB, SSIM {:.4}",
         out.display(),

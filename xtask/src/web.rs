@@ -8,7 +8,7 @@ use eval::scenes::DEFAULT;
 
 use crate::demo;
 use crate::needs::{self, CHROMIUM};
-use crate::npm::{dev_dependencies, folder, needed, package, page, script};
+use crate::npm::{needed, package, page, script};
 
 /// Arguments of `web`.
 #[derive(clap::Args, Debug)]
@@ -26,7 +26,6 @@ pub(crate) struct WebArgs {
 
 /// Builds, and does what else is asked for.
 pub(crate) fn run(args: &WebArgs) -> Result<()> {
-    let npm = folder();
     needed()?;
     if args.bench {
         CHROMIUM.get()?;
@@ -34,9 +33,6 @@ pub(crate) fn run(args: &WebArgs) -> Result<()> {
         && let Err(lacking) = CHROMIUM.get()
     {
         eprintln!("SKIPPED: all tests in a browser: {lacking}");
-    }
-    if args.test || args.bench {
-        dev_dependencies(&npm)?;
     }
     let tarball = package()?;
     println!("{}: {} bytes", tarball.display(), tarball.metadata()?.len());
@@ -52,10 +48,10 @@ pub(crate) fn run(args: &WebArgs) -> Result<()> {
                 demo::make(DEFAULT, &demo)?;
                 tools.push(("GSVX_DEMO", demo));
             }
-            script(&npm, "test/run.mjs", &[&tarball], &tools)?;
+            script("test/run.mjs", &[&tarball], &tools)?;
         }
         if args.bench {
-            script(&npm, "bench/run.mjs", &[], &tools)?;
+            script("bench/run.mjs", &[], &tools)?;
         }
     }
     Ok(())

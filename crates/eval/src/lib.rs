@@ -17,11 +17,11 @@ mod process;
 pub mod progress;
 mod published;
 pub mod rd_curve;
+mod record;
 mod report;
-mod round_trip;
 pub mod scenes;
 pub mod stress;
-mod usage;
+mod study;
 
-pub use process::gsvx_command;
+pub use process::{gsvx_command, printed};
 pub use scenes::TestScene;

@@ -1,6 +1,6 @@
 //! Where a result came from.
 
-use std::process::Command;
+use crate::process::printed;
 
 /// Provenance of a run: names and values. `hashes` are of the program, the model, and cameras with photos.
 pub(crate) fn of([program, model, views]: &[String; 3]) -> Vec<(&'static str, String)> {
@@ -18,12 +18,6 @@ pub(crate) fn of([program, model, views]: &[String; 3]) -> Vec<(&'static str, St
         ("Program SHA-256", program.clone()),
         ("Machine", format!("{}, {target}", machine())),
     ]
-}
-
-/// What a program prints, if it succeeds.
-fn printed(program: &str, args: &[&str]) -> Option<String> {
-    let out = Command::new(program).args(args).current_dir(crate::scenes::root()).output().ok()?;
-    out.status.success().then(|| String::from_utf8_lossy(&out.stdout).trim().to_owned())
 }
 
 /// Commit of the checkout, "-dirty" if it has changes; empty without git.

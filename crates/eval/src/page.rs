@@ -8,7 +8,8 @@ use anyhow::{Context, Result};
 use crate::chart::Chart;
 use crate::scenes;
 
-/// Rows under a header; the first column is names, the others are numbers.
+/// Rows under a header; the first column is names, the others are numbers. A row is written with `|` between its
+/// cells.
 #[derive(Clone, Debug)]
 pub struct Table {
     /// Names of the columns.
@@ -17,33 +18,38 @@ pub struct Table {
     pub(crate) rows: Vec<Vec<String>>,
 }
 
-/// The cells of a row: whatever can be displayed.
-#[macro_export]
-macro_rules! cells {
-    ($($cell:expr),* $(,)?) => { vec![$($cell.to_string()),*] };
+/// A number, or a dash where it is unknown.
+pub(crate) fn number(x: impl Into<Option<f64>>, decimals: usize) -> String {
+    x.into().filter(|x| !x.is_nan()).map_or("-".into(), |x| format!("{x:.decimals$}"))
 }
 
-/// A figure with its sign and a unit, or a dash.
-pub(crate) fn signed(figure: Option<f64>, decimals: usize, unit: &str) -> String {
-    figure.map_or("-".into(), |x| format!("{x:+.decimals$}{unit}"))
+/// A number with its sign and a unit, or a dash where it is unknown.
+pub(crate) fn signed(x: Option<f64>, decimals: usize, unit: &str) -> String {
+    x.map_or("-".into(), |x| format!("{x:+.decimals$}{unit}"))
+}
+
+fn cells(row: &str) -> Vec<String> {
+    row.split('|').map(|cell| cell.trim().to_owned()).collect()
 }
 
 impl Table {
-    /// No rows yet; the names of the columns are separated by `|`.
+    /// No rows yet.
     #[must_use]
-    pub fn new(header: &str) -> Self {
-        Self { header: header.split('|').map(|h| h.trim().to_owned()).collect(), rows: Vec::new() }
+    pub fn new(header: impl AsRef<str>) -> Self {
+        Self { header: cells(header.as_ref()), rows: Vec::new() }
     }
 
     /// Adds a row.
-    pub fn row(&mut self, cells: Vec<String>) {
-        self.rows.push(cells);
+    pub fn row(&mut self, row: impl AsRef<str>) {
+        let row = cells(row.as_ref());
+        debug_assert_eq!(row.len(), self.header.len(), "{row:?}");
+        self.rows.push(row);
     }
 
     /// Adds a row and prints it: for rows that take a while.
-    pub(crate) fn told(&mut self, cells: Vec<String>) {
-        eprintln!("{}", cells.join(" | "));
-        self.rows.push(cells);
+    pub(crate) fn told(&mut self, row: impl AsRef<str>) {
+        eprintln!("{}", row.as_ref());
+        self.row(row);
     }
 
     /// As Markdown, with an empty line behind it.
@@ -138,8 +144,8 @@ mod tests {
     #[test]
     fn a_table_is_aligned_on_a_terminal_and_marked_in_markdown() {
         let mut table = Table::new("name | n");
-        table.row(cells!["a", 10]);
-        table.row(cells!["longer", 7]);
+        table.row("a | 10");
+        table.row("longer | 7");
         assert_eq!(table.plain(), "name     n\na       10\nlonger   7\n");
         assert_eq!(table.markdown(), "| name | n |\n|---|---:|\n| a | 10 |\n| longer | 7 |\n\n");
     }

@@ -13,7 +13,6 @@ pub struct Bar {
     started: Instant,
     /// When something was last said; not on a terminal.
     said: Option<Cell<Instant>>,
-    quiet: bool,
 }
 
 /// Stages shorter than this say nothing when they end.
@@ -40,7 +39,7 @@ impl Bar {
         bar.enable_steady_tick(Duration::from_millis(200));
         let started = Instant::now();
         let said = (!terminal).then_some(Cell::new(started));
-        Self { bar, label: label.to_owned(), started, said, quiet: false }
+        Self { bar, label: label.to_owned(), started, said }
     }
 
     /// A stage of `total` bytes; a step is a byte.
@@ -52,13 +51,6 @@ impl Bar {
             bar.bar.set_style(style.progress_chars("=> "));
         }
         bar
-    }
-
-    /// Part of a stage that has its own bar.
-    #[must_use]
-    pub fn hidden() -> Self {
-        let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::hidden());
-        Self { bar, label: String::new(), started: Instant::now(), said: None, quiet: true }
     }
 
     /// Says what is being done now, in place of the label.
@@ -78,19 +70,12 @@ impl Bar {
         }
     }
 
-    /// Seconds since the stage began.
-    #[must_use]
-    pub fn seconds(&self) -> f64 {
-        self.started.elapsed().as_secs_f64()
-    }
-
     /// Ends the stage, with one line if it took a while.
-    pub fn done(&self) -> f64 {
-        let seconds = self.seconds();
+    pub fn done(&self) {
+        let seconds = self.started.elapsed().as_secs_f64();
         self.bar.finish_and_clear();
-        if !self.quiet && seconds >= NOTABLE_SECONDS {
+        if seconds >= NOTABLE_SECONDS {
             eprintln!("{}: {seconds:.1} s", self.label);
         }
-        seconds
     }
 }

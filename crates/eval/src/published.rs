@@ -6,10 +6,11 @@ use std::fs;
 use std::path::Path;
 
 use anyhow::{Context, Result};
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 
 use crate::bd::Point;
-use crate::measure::Metric;
+use crate::measure::{Metric, Score};
+use crate::record::{Curve, Record};
 
 /// `data/published.json`.
 #[derive(Deserialize)]
@@ -37,77 +38,39 @@ struct List {
 }
 
 /// The published curves of a scene; they are built in.
-fn published(scene: &str) -> Result<Vec<Other>> {
+fn published(scene: &str) -> Result<Vec<Curve>> {
     let text = include_str!("../data/published.json");
-    let all: Published = serde_json::from_str(text).context("data/published.json")?;
-    let lists = all.scenes.get(scene).map(|s| s.lists.as_slice()).unwrap_or_default();
-    Ok(lists.iter().map(List::other).collect())
+    let mut all: Published = serde_json::from_str(text).context("data/published.json")?;
+    let lists = all.scenes.remove(scene).map(|s| s.lists).unwrap_or_default();
+    Ok(lists.into_iter().map(List::curve).collect())
 }
 
 /// All points that the paper's authors published of a scene, uniform and adaptive.
 pub(crate) fn uniform_and_adaptive(scene: &str) -> Result<[Vec<Point>; 2]> {
     let all = published(scene)?;
     Ok(["paper, uniform", "paper, adaptive"].map(|name| {
-        all.iter()
-            .filter(|o| o.name.starts_with(name))
-            .flat_map(|o| o.rates(Metric::Psnr))
-            .collect()
+        let named = all.iter().filter(|c| c.name.starts_with(name));
+        named.flat_map(|c| c.rates(Metric::Psnr)).collect()
     }))
 }
 
-/// A curve of another codec on a scene, in bytes.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub(crate) struct Other {
-    /// Codec and configuration.
-    pub(crate) name: String,
-    /// Where the points come from.
-    pub(crate) source: String,
-    /// Its points: bytes, PSNR in dB, SSIM where known.
-    pub(crate) points: Vec<OtherPoint>,
-}
-
-/// One point of an [`Other`].
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub(crate) struct OtherPoint {
-    /// What distinguishes the point (settings).
-    pub(crate) label: String,
-    /// Size in bytes.
-    pub(crate) bytes: u64,
-    /// Mean PSNR, dB.
-    pub(crate) psnr_db: f64,
-    /// Mean SSIM.
-    pub(crate) ssim: Option<f64>,
-    /// Mean SSIMULACRA2; recorded and published points have none.
-    pub(crate) ssimulacra2: Option<f64>,
-}
-
-impl OtherPoint {
-    /// Its bytes and its score, if that is known.
-    pub(crate) fn rate(&self, metric: Metric) -> Option<Point> {
-        let score = match metric {
-            Metric::Psnr => Some(self.psnr_db),
-            Metric::Ssim => self.ssim,
-            Metric::Ssimulacra2 => self.ssimulacra2,
+impl List {
+    fn curve(self) -> Curve {
+        let name = match &self.covariance {
+            Some(mode) => format!("{}, {mode} covariance", self.name),
+            None => self.name,
         };
-        Some(Point { rate: self.bytes as f64, score: score? })
+        let bytes = |rate: f64| (rate * self.unit_bits / 8.0).round() as u64;
+        let points = self.points.iter().map(|&[rate, db]| point("", bytes(rate), db, f64::NAN));
+        let what = "published by the paper's authors; another model of the same photos".into();
+        Curve { name, what, points: points.collect(), ..Curve::default() }
     }
 }
 
-impl Other {
-    /// Whether the points are of another model of the same photos.
-    pub(crate) fn is_published(&self) -> bool {
-        self.source.starts_with("published")
-    }
-
-    /// Whether a BD-rate against it means something: it was measured on this very model, at three rates or more.
-    pub(crate) fn is_comparable(&self) -> bool {
-        self.points.len() >= 3 && !self.is_published()
-    }
-
-    /// The points of which the score is known, with rates in bytes.
-    pub(crate) fn rates(&self, metric: Metric) -> Vec<Point> {
-        self.points.iter().filter_map(|p| p.rate(metric)).collect()
-    }
+/// A point of which no more is known.
+fn point(setting: &str, bytes: u64, psnr_db: f64, ssim: f64) -> Record {
+    let score = Score { psnr_db, ssim, ..Score::default() };
+    Record { setting: setting.to_owned(), bytes, score, ..Record::default() }
 }
 
 /// `paper-chain.json` beside a scene.
@@ -141,54 +104,29 @@ pub(crate) const NO_INIT: &str = "paper, no initialisation";
 pub(crate) const PAPER_CHAIN: &str = "paper's chain (TMC13)";
 
 /// What is known of other codecs on the scene in `dir` called `name`.
-pub(crate) fn others(dir: &Path, name: &str) -> Result<Vec<Other>> {
+pub(crate) fn others(dir: &Path, name: &str) -> Result<Vec<Curve>> {
     let mut out = Vec::new();
+    let mut add = |name: String, what: &str, points| {
+        out.push(Curve { name, what: what.into(), points, ..Curve::default() });
+    };
     if let Some(chain) = json::<PaperChain>(&dir.join("paper-chain.json"))? {
-        let points = chain.points.into_iter().map(|p| {
+        let point = |p: PaperPoint| {
             let [ac, dc, opacity] = p.qp_ac_dc_opacity;
-            OtherPoint {
-                label: format!("{}, QP {ac}/{dc}/{opacity}", p.voxelization),
-                bytes: p.total_bytes,
-                psnr_db: p.psnr_db,
-                ssim: Some(p.ssim),
-                ssimulacra2: None,
-            }
-        });
-        let source = "paper-chain.json, recorded with the authors' tools".to_owned();
-        out.push(Other { name: PAPER_CHAIN.to_owned(), source, points: points.collect() });
+            let setting = format!("{}, QP {ac}/{dc}/{opacity}", p.voxelization);
+            point(&setting, p.total_bytes, p.psnr_db, p.ssim)
+        };
+        let points = chain.points.into_iter().map(point).collect();
+        add(PAPER_CHAIN.into(), "paper-chain.json, recorded with the authors' tools", points);
     }
-    if let Some(peers) = json::<Vec<Peer>>(&dir.join("peers.json"))? {
-        let mut families: BTreeMap<String, Vec<OtherPoint>> = BTreeMap::new();
-        for p in peers {
-            let family = p.peer.split([',', '(']).next().unwrap_or_default().trim().to_owned();
-            let (bytes, psnr_db, ssim) = (p.total_bytes, p.psnr_db, Some(p.ssim));
-            let point = OtherPoint { label: p.peer, bytes, psnr_db, ssim, ssimulacra2: None };
-            families.entry(family).or_default().push(point);
-        }
-        for (name, points) in families {
-            out.push(Other { name, source: "peers.json, recorded".to_owned(), points });
-        }
+    let mut families: BTreeMap<String, Vec<Record>> = BTreeMap::new();
+    for p in json::<Vec<Peer>>(&dir.join("peers.json"))?.unwrap_or_default() {
+        let family = p.peer.split([',', '(']).next().unwrap_or_default().trim().to_owned();
+        let point = point(&p.peer, p.total_bytes, p.psnr_db, p.ssim);
+        families.entry(family).or_default().push(point);
     }
+    families.into_iter().for_each(|(name, points)| add(name, "peers.json, recorded", points));
     out.extend(published(name)?);
     Ok(out)
-}
-
-impl List {
-    fn other(&self) -> Other {
-        let name = match &self.covariance {
-            Some(mode) => format!("{}, {mode} covariance", self.name),
-            None => self.name.clone(),
-        };
-        let point = |&[rate, psnr_db]: &[f64; 2]| OtherPoint {
-            label: String::new(),
-            bytes: (rate * self.unit_bits / 8.0).round() as u64,
-            psnr_db,
-            ssim: None,
-            ssimulacra2: None,
-        };
-        let source = "published by the paper's authors; another model of the same photos".into();
-        Other { name, source, points: self.points.iter().map(point).collect() }
-    }
 }
 
 /// A JSON file, or `None` if there is none.

@@ -7,19 +7,11 @@
 mod codec;
 #[path = "../../../crates/gsvx/tests/common/mod.rs"]
 mod common;
-mod gzip;
-mod readers;
+pub mod readers;
 #[path = "../../src/conformance/seal.rs"]
 mod seal;
 pub mod seeds;
 mod streams;
-mod zip;
-
-pub use codec::{attribute, coder, geometry, predict, rlgr};
-pub use readers::{
-    cameras, checkpoint, colmap, compressed_ply, glb, ksplat, ply, sog, splat, spz, tiny_scene,
-};
-pub use streams::{chunk, gsvx, lossless, reader};
 
 /// Runs parallel loops on the thread that fuzzes: handing work to a pool costs more than the
 /// work.

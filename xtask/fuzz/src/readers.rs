@@ -1,14 +1,19 @@
 //! Files: models, cameras, checkpoints.
 
+use std::io::{Cursor, Write as _};
 use std::path::PathBuf;
 use std::sync::OnceLock;
 
 use finetune::{Photo, TrainView};
+use flate2::Compression;
+use flate2::write::GzEncoder;
 use gs_model::{FileAxes, Format, Invalid, ReadOptions, Scene, colmap as sfm, inria, nerf, ply};
 
 use tune::{FineTune, FineTuneOptions};
+use zip::write::SimpleFileOptions;
+use zip::{CompressionMethod, ZipWriter};
 
-use crate::{choice, gzip, number};
+use crate::{choice, number};
 
 /// Strict or lenient, as the two lowest bits say.
 fn options(byte: u8) -> ReadOptions {
@@ -53,8 +58,15 @@ fn whole(format: &str, data: &[u8]) -> bool {
 /// SPZ: options, then the file; with bit 2, what is inside the gzip file instead.
 pub fn spz(data: &[u8]) -> bool {
     let (byte, file) = choice(data);
-    let zipped = if byte & 4 != 0 { &gzip::gzip(file) } else { file };
+    let zipped = if byte & 4 != 0 { &gzip(file) } else { file };
     read("spz", byte, zipped)
+}
+
+/// A gzip file without compression: deflate is a well-fuzzed library's business.
+pub(crate) fn gzip(data: &[u8]) -> Vec<u8> {
+    let mut gzip = GzEncoder::new(Vec::new(), Compression::none());
+    gzip.write_all(data).expect("written to memory");
+    gzip.finish().expect("written to memory")
 }
 
 /// `.splat`: options, then the file.
@@ -83,7 +95,13 @@ pub fn sog(data: &[u8]) -> bool {
     let (json, rest) = rest.split_at(json.min(rest.len()));
     let (a, rest) = number(rest);
     let (a, b) = rest.split_at(a.min(rest.len()));
-    let file = crate::zip::zip(&[("meta.json", json), ("a", a), ("b", b)]);
+    let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
+    for (name, bytes) in [("meta.json", json), ("a", a), ("b", b)] {
+        let stored = SimpleFileOptions::default().compression_method(CompressionMethod::Stored);
+        zip.start_file(name, stored).expect("a member of an archive in memory");
+        zip.write_all(bytes).expect("written to memory");
+    }
+    let file = zip.finish().expect("written to memory").into_inner();
     read("sog", byte, &file)
 }
 

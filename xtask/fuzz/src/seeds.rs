@@ -10,6 +10,7 @@ use gsvx::EncodeOptions;
 use std::num::NonZeroUsize;
 
 use crate::codec::{self, plans};
+use crate::{readers, streams as targets};
 use crate::common::{self, forge, scene};
 pub use testing::Rng;
 
@@ -34,6 +35,15 @@ const fn target(
     FuzzTarget { name, run, max_len, seeds }
 }
 
+/// Runs the target of a name on an input.
+///
+/// # Panics
+/// If a promise is broken.
+pub fn run(name: &str, data: &[u8]) {
+    let target = TARGETS.iter().find(|target| target.name == name);
+    (target.expect("a target of the table").run)(data);
+}
+
 /// A seed with some of its bytes changed, or cut.
 #[must_use]
 pub fn mutated(seed: &[u8], rng: &mut Rng) -> Vec<u8> {
@@ -53,28 +63,28 @@ pub fn mutated(seed: &[u8], rng: &mut Rng) -> Vec<u8> {
 
 /// All targets.
 pub const TARGETS: &[FuzzTarget] = &[
-    target("ply", crate::ply, 2048, models),
-    target("spz", crate::spz, 512, spz),
-    target("splat", crate::splat, 256, || vec![vec![0], with(0, &[7; 32]), with(1, &[60; 64])]),
-    target("compressed_ply", crate::compressed_ply, 2048, || {
+    target("ply", readers::ply, 2048, models),
+    target("spz", readers::spz, 512, spz),
+    target("splat", readers::splat, 256, || vec![vec![0], with(0, &[7; 32]), with(1, &[60; 64])]),
+    target("compressed_ply", readers::compressed_ply, 2048, || {
         [(1, 0), (2, 0), (1, 3)].map(|(n, degree)| written("compressed-ply", n, degree)).into()
     }),
-    target("ksplat", crate::ksplat, 384, ksplat),
-    target("sog", crate::sog, 4096, sog),
+    target("ksplat", readers::ksplat, 384, ksplat),
+    target("sog", readers::sog, 4096, sog),
     // More coefficients make JSON longer than what is worth trying.
-    target("glb", crate::glb, 2048, || vec![written("glb", 2, 0), stream_in_glb()]),
-    target("colmap", crate::colmap, 512, colmap),
-    target("cameras", crate::cameras, 768, cameras),
-    target("gsvx", crate::gsvx, 1024, whole),
-    target("reader", crate::reader, 1024, in_pieces),
-    target("chunk", crate::chunk, 640, chunks),
-    target("lossless", crate::lossless, 768, lossless),
-    target("geometry", crate::geometry, 256, octrees),
-    target("attribute", crate::attribute, 512, attributes),
-    target("coder", crate::coder, 256, coded),
-    target("rlgr", crate::rlgr, 256, golomb),
-    target("predict", crate::predict, 256, predicted),
-    target("checkpoint", crate::checkpoint, 512, || vec![checkpoint()]),
+    target("glb", readers::glb, 2048, || vec![written("glb", 2, 0), stream_in_glb()]),
+    target("colmap", readers::colmap, 512, colmap),
+    target("cameras", readers::cameras, 768, cameras),
+    target("gsvx", targets::gsvx, 1024, whole),
+    target("reader", targets::reader, 1024, in_pieces),
+    target("chunk", targets::chunk, 640, chunks),
+    target("lossless", targets::lossless, 768, lossless),
+    target("geometry", codec::geometry, 256, octrees),
+    target("attribute", codec::attribute, 512, attributes),
+    target("coder", codec::coder, 256, coded),
+    target("rlgr", codec::rlgr, 256, golomb),
+    target("predict", codec::predict, 256, predicted),
+    target("checkpoint", readers::checkpoint, 512, || vec![checkpoint()]),
 ];
 
 fn with(byte: u8, rest: &[u8]) -> Vec<u8> {
@@ -130,7 +140,7 @@ fn spz() -> Vec<Vec<u8>> {
     };
     let inner = [file(2, 2, 0), file(3, 1, 3), file(3, 0, 0), file(2, 1, 1)];
     let mut out: Vec<Vec<u8>> = inner.iter().map(|f| with(4, f)).collect();
-    out.push(with(0, &crate::gzip::gzip(&inner[0])));
+    out.push(with(0, &readers::gzip(&inner[0])));
     out.push(written("spz", 2, 1));
     out
 }
@@ -162,7 +172,7 @@ fn stream_in_glb() -> Vec<u8> {
 /// The meaningful bytes of both headers, then the section: a row of each level.
 fn ksplat() -> Vec<Vec<u8>> {
     let file = |level: u16| {
-        let mut heads = vec![0; crate::readers::KSPLAT_HEADS];
+        let mut heads = vec![0; readers::KSPLAT_HEADS];
         heads[1] = 1;
         heads[4] = 1;
         heads[20..22].copy_from_slice(&level.to_le_bytes());
@@ -421,7 +431,7 @@ fn predicted() -> Vec<Vec<u8>> {
 fn checkpoint() -> Vec<u8> {
     let dir = tempfile::tempdir().expect("a temporary folder");
     let path = dir.path().join("checkpoint");
-    let run = crate::readers::fine_tune(path.clone()).expect("valid input");
+    let run = readers::fine_tune(path.clone()).expect("valid input");
     run.run(|_| ()).expect("no GPU is involved");
     std::fs::read(path).expect("read back")
 }

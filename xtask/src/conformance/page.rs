@@ -3,7 +3,6 @@
 use std::path::Path;
 
 use anyhow::Result;
-use eval::cells;
 use eval::page::{Page, Table};
 
 use super::damage::Findings;
@@ -22,8 +21,8 @@ pub(super) fn write(out: &Path, held: usize, broken: &[(&str, Findings)]) -> Res
     let mut table =
         Table::new("damage | decodes | refused with an error | a scene came out | slowest, ms");
     for (kind, seen) in broken {
-        let (all, slowest) = (seen.streams, format!("{:.0}", seen.slowest_ms()));
-        table.row(cells![kind, all, all - seen.decoded, seen.decoded, slowest]);
+        let (all, decoded, slowest) = (seen.streams, seen.decoded, seen.slowest_ms());
+        table.row(format!("{kind} | {all} | {} | {decoded} | {slowest:.0}", all - decoded));
     }
     page.table(&table);
     page.text(

@@ -1,7 +1,5 @@
 //! Fast implementations against their references, access in parts, and the lossless mode.
 
-use std::process::Command;
-
 use anyhow::{Context, Result, ensure};
 use eval::scenes;
 use gpcc_lite::raht::{self, RahtPlan, Rows};
@@ -10,7 +8,10 @@ use gs_model::Scene;
 use gsvx::{EncodeOptions, Reader};
 use std::num::NonZeroUsize;
 
+use xshell::cmd;
+
 use super::{Tally, Verdict};
+use crate::commands::shell;
 
 pub(super) fn checks(tally: &mut Tally, no_gpu: bool) {
     tally.check("RAHT, single against double precision", raht);
@@ -118,30 +119,13 @@ fn wgsl(no_gpu: bool) -> Result<Verdict> {
     if no_gpu {
         return Ok(Verdict::Skipped("--no-gpu".into()));
     }
-    let args = [
-        "test",
-        "--quiet",
-        "-p",
-        "finetune",
-        "--features",
-        "gpu",
-        "--lib",
-        "gpu::",
-        "--",
-        "--nocapture",
-    ];
-    let out = Command::new("cargo")
-        .args(args)
-        .current_dir(scenes::root())
-        .output()
-        .context("start cargo")?;
-    let text = String::from_utf8_lossy(&out.stdout);
+    let sh = shell("")?;
+    let words = "test --quiet -p finetune --features gpu --lib gpu:: -- --nocapture";
+    let cargo = cmd!(sh, "cargo").args(words.split(' ')).quiet();
+    let text = cargo.read().context("finetune's tests")?;
     if let Some(why) = text.lines().find_map(|l| l.strip_prefix("SKIPPED: ")) {
         return Ok(Verdict::Skipped(why.to_owned()));
     }
-    let said = String::from_utf8_lossy(&out.stderr);
-    let last = said.lines().rev().find(|l| !l.trim().is_empty()).unwrap_or_default();
-    ensure!(out.status.success(), "cargo {}: {last}", args.join(" "));
     let passed = text.lines().find_map(|l| l.strip_prefix("test result: ok. "));
     let passed = passed.and_then(|l| l.split(';').next()).unwrap_or("passed");
     Ok(Verdict::Holds(format!("finetune's stage-by-stage tests: {passed}")))

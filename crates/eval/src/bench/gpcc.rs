@@ -11,8 +11,7 @@ use gpcc_lite::{Leaf, Limits, Octree, geometry, morton};
 use serde::Deserialize;
 
 use crate::bd;
-use crate::cells;
-use crate::page::{Page, Table, signed};
+use crate::page::{Page, Table, number, signed};
 
 /// Flags of `cargo xtask bench-gpcc`.
 #[derive(Clone, Debug, clap::Args)]
@@ -144,17 +143,18 @@ impl Peer {
 }
 
 /// TMC13 with the authors' settings and at its best, ours, and ours against both.
-fn against(authors: Option<f64>, best: Option<f64>, ours: f64) -> Vec<String> {
-    let bits = |x: Option<f64>| x.map_or("-".into(), |x| format!("{x:.3}"));
+fn against(authors: Option<f64>, best: Option<f64>, ours: f64) -> String {
     let percent = |theirs: Option<f64>| signed(theirs.map(|x| (ours / x - 1.0) * 100.0), 2, " %");
-    cells![bits(authors), bits(best), bits(Some(ours)), percent(authors), percent(best)]
+    let [authors_bits, best_bits] = [authors, best].map(|bits| number(bits, 3));
+    let (a, b) = (percent(authors), percent(best));
+    format!("{authors_bits} | {best_bits} | {ours:.3} | {a} | {b}")
 }
 
 const COLUMNS: &str = "TMC13 authors | TMC13 best | gpcc-lite | against authors | against best";
 
 /// Geometry of each cloud.
 fn of_geometry(dir: &Path, peers: &[Peer]) -> Result<Table> {
-    let mut table = Table::new(&format!("cloud | points | {COLUMNS}"));
+    let mut table = Table::new(format!("cloud | points | {COLUMNS}"));
     for name in CLOUDS {
         let cloud = read(dir, name, "dc")?.with_context(|| format!("no cloud {name}"))?;
         let bytes = geometry::encode(&cloud.octree)?;
@@ -164,16 +164,15 @@ fn of_geometry(dir: &Path, peers: &[Peer]) -> Result<Table> {
         let mut of = peers.iter().filter(of);
         let best = of.clone().map(|p| p.geo_bpp).reduce(f64::min);
         let authors = of.find(|p| p.name == "g_default").map(|p| p.geo_bpp);
-        let mut row = cells![name, cloud.octree.len()];
-        row.extend(against(authors, best, cloud.bits_per_point(bytes.len())));
-        table.told(row);
+        let row = against(authors, best, cloud.bits_per_point(bytes.len()));
+        table.told(format!("{name} | {} | {row}", cloud.octree.len()));
     }
     Ok(table)
 }
 
 /// Channels without loss.
 fn lossless(dir: &Path, peers: &[Peer]) -> Result<Table> {
-    let mut table = Table::new(&format!("cloud | attribute | {COLUMNS}"));
+    let mut table = Table::new(format!("cloud | attribute | {COLUMNS}"));
     for name in CLOUDS {
         for attribute in ["dc", "rest", "scale", "rot"] {
             let Some(cloud) = read(dir, name, attribute)? else { continue };
@@ -191,9 +190,8 @@ fn lossless(dir: &Path, peers: &[Peer]) -> Result<Table> {
             let back = predict::decode_lossless(&near, &bytes, channels.len())?;
             ensure!(back == cloud.channels, "{name} {attribute}: channels differ");
             let ours = cloud.bits_per_point(bytes.len());
-            let mut row = cells![name, attribute];
-            row.extend(against(authors.map(Peer::attribute_bits), Some(best), ours));
-            table.told(row);
+            let row = against(authors.map(Peer::attribute_bits), Some(best), ours);
+            table.told(format!("{name} | {attribute} | {row}"));
         }
     }
     Ok(table)
@@ -228,9 +226,8 @@ fn lossy(dir: &Path, peers: &[Peer]) -> Result<Table> {
             let mean = all.iter().sum::<f64>() / all.len().max(1) as f64;
             let end = |pick: fn(f64, f64) -> f64| all.iter().copied().reduce(pick);
             let figures = [Some(mean), end(f64::min), end(f64::max)];
-            let mut row = cells![name, attribute, all.len()];
-            row.extend(figures.map(|figure| signed(figure, 2, " %")));
-            table.told(row);
+            let figures = figures.map(|figure| signed(figure, 2, " %")).join(" | ");
+            table.told(format!("{name} | {attribute} | {} | {figures}", all.len()));
         }
     }
     Ok(table)

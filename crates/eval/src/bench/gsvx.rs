@@ -3,16 +3,14 @@
 //! Models are a real scene, replicated side by side and jittered: their attributes are real,
 //! their number is chosen. Memory is the peak resident set that Linux reports.
 
-use std::ffi::OsStr;
 use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
 use gs_model::{Scene, ply};
 
-use crate::cells;
 use crate::chart::{Axis, Chart, Series};
-use crate::page::{Page, Table};
-use crate::process::GsvxCommand;
+use crate::page::{Page, Table, number};
+use crate::process::{GsvxCommand, Usage};
 use crate::{manifest, scenes};
 
 /// Flags of `cargo xtask bench-gsvx`.
@@ -96,21 +94,14 @@ pub fn run(options: &GsvxOptions) -> Result<()> {
         std::fs::File::open(&model)?.sync_all()?;
         for (step, words, from, to) in &STEPS {
             let (input, output) = (path(*from, words), path(*to, words));
-            let words: Vec<&dyn AsRef<OsStr>> =
-                words.iter().map(|w| w as _).chain([&input as _]).collect();
-            let cost = gsvx.make(&words, &output)?;
+            let mut command = gsvx.words(*words);
+            let Usage { wall, user, peak_mb } = gsvx.make(command.arg(&input), &output)?.usage;
             let written = std::fs::metadata(&output)?;
-            let written = written.is_file().then(|| format!("{:.2}", written.len() as f64 / 1e6));
-            table.told(cells![
-                n,
-                step,
-                format!("{:.2}", cost.wall),
-                format!("{:.2}", cost.user),
-                format!("{:.0}", cost.peak_mb),
-                written.unwrap_or("-".into()),
-            ]);
+            let written = written.is_file().then(|| written.len() as f64 / 1e6);
+            let written = number(written, 2);
+            table.told(format!("{n} | {step} | {wall:.2} | {user:.2} | {peak_mb:.0} | {written}"));
             if let Some(drawn) = DRAWN.iter().position(|drawn| drawn == step) {
-                series[drawn].points.push((n as f64 / 1e6, cost.wall));
+                series[drawn].points.push((n as f64 / 1e6, wall));
             }
         }
     }

@@ -6,4 +6,5 @@ pub mod gsvx;
 pub mod paper;
 pub mod quality;
 pub mod real_size;
+pub mod size;
 pub mod tune;

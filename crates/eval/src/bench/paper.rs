@@ -8,20 +8,18 @@ use finetune::Backend;
 use voxel::{Merge, Released, Strategy, w2};
 
 use crate::bd::{self, Point};
-use crate::cells;
 use crate::measure::{self, Metric};
 use crate::page::{Page, Table, signed};
-use crate::published;
-use crate::rd_curve::options::CurveOptions;
-use crate::rd_curve::options::Tuning;
-use crate::rd_curve::plan::{Coding, CurvePlan, GSVX, PAPER_QPS, Voxels, criteria, paper_codings};
-use crate::rd_curve::record::{Coded, Curve, Original};
-use crate::rd_curve::stages::Branch;
-use crate::rd_curve::streams::QUALITIES;
-use crate::rd_curve::study::Study;
-use crate::rd_curve::{measured, one_tune};
-use crate::round_trip::timed;
-use crate::scenes;
+use crate::process::timed;
+use crate::rd_curve::one_tune;
+use crate::rd_curve::options::{CurveOptions, TUNED_QUALITIES, Tuning};
+use crate::rd_curve::plan::{
+    self, Coding, CurvePlan, GSVX, PAPER_QPS, Voxels, criteria, paper_codings,
+};
+use crate::rd_curve::stages::{self, Branch};
+use crate::record::{Curve, Record};
+use crate::study::Study;
+use crate::{peers, published, scenes};
 
 /// Flags of `cargo xtask paper`.
 #[derive(Clone, Debug, clap::Args)]
@@ -44,9 +42,9 @@ pub struct PaperOptions {
 }
 
 /// What is measured on one scene.
-struct Measured {
+struct SceneFigures {
     name: String,
-    original: Original,
+    original: Record,
     depth: u8,
     rows: Vec<Row>,
     /// Fine-tuned: uniform, criteria as far as the paper's, criteria nearer, the released code.
@@ -84,7 +82,7 @@ struct Row {
 /// # Errors
 /// If a scene cannot be read or a file cannot be written.
 pub fn run(options: &PaperOptions) -> Result<()> {
-    let all: Vec<Measured> =
+    let all: Vec<SceneFigures> =
         options.scenes.iter().map(|s| measure_scene(s, options)).collect::<Result<_>>()?;
     let mut page = Page::new(&options.out, "The paper's claims");
     page.text(format!(
@@ -110,11 +108,11 @@ pub fn run(options: &PaperOptions) -> Result<()> {
     page.write()
 }
 
-fn measure_scene(name: &str, options: &PaperOptions) -> Result<Measured> {
+fn measure_scene(name: &str, options: &PaperOptions) -> Result<SceneFigures> {
     let mut curve_options = CurveOptions::of(name)?;
     curve_options.quick = options.quick;
-    let study = &Study::open(&curve_options)?;
-    let depth = study.depth(None)?;
+    let study = &curve_options.study()?;
+    let depth = plan::depth(study, None)?;
     let (low, near) = (depth.saturating_sub(3).max(1), depth + 1);
     let uniform = Strategy::Uniform { depth };
     let far = criteria(depth);
@@ -151,7 +149,7 @@ fn measure_scene(name: &str, options: &PaperOptions) -> Result<Measured> {
     let tuning = Tuning { steps: options.steps, initialised: true, backend: options.backend };
     let curve = |name: &'static str, voxels: Voxels, tuning, codings: Vec<Coding>| {
         let what = voxels.what.clone();
-        measured(study, CurvePlan { name, what, tuning, steps: vec![(voxels, codings)] })
+        stages::curve(study, CurvePlan { name, what, tuning, steps: vec![(voxels, codings)] })
     };
     let paper = |strategy: &Strategy, tuning| {
         curve("paper", Voxels::paper(strategy.clone()), tuning, paper_codings())
@@ -161,7 +159,7 @@ fn measure_scene(name: &str, options: &PaperOptions) -> Result<Measured> {
         let codings = qualities.iter().map(|&q| Coding::Quality(q)).collect();
         curve(name, Voxels::fixed(strategy.clone()), None, codings)
     };
-    let own = QUALITIES.map(|q| (Voxels::default(q), vec![Coding::Quality(q)])).into();
+    let own = TUNED_QUALITIES.map(|q| (Voxels::default(q), vec![Coding::Quality(q)])).into();
     let nothing = Tuning { steps: options.steps * 30 / 8, initialised: false, ..tuning };
     let blank = Voxels::paper(uniform.clone());
     let from_nothing = Branch::new(study, &blank, Some(nothing)).voxelized()?.score.psnr_db;
@@ -171,8 +169,9 @@ fn measure_scene(name: &str, options: &PaperOptions) -> Result<Measured> {
         paper(&close, Some(tuning))?,
         paper(&released, Some(tuning))?,
     ];
-    let spz = study.others()?.into_iter().find(|o| o.name.starts_with("SPZ") && o.is_comparable());
-    Ok(Measured {
+    let spz =
+        peers::curves(study)?.into_iter().find(|o| o.name.starts_with("SPZ") && o.is_comparable());
+    Ok(SceneFigures {
         name: name.to_owned(),
         original: study.original()?,
         depth,
@@ -182,7 +181,7 @@ fn measure_scene(name: &str, options: &PaperOptions) -> Result<Measured> {
         from_nothing,
         factor: factor(study, &far)?,
         spz: spz.map(|spz| spz.rates(Metric::Psnr)),
-        gsvx: measured(
+        gsvx: stages::curve(
             study,
             CurvePlan { name: GSVX, what: String::new(), tuning: None, steps: own },
         )?,
@@ -224,23 +223,23 @@ fn factor(study: &Study, strategy: &Strategy) -> Result<f64> {
 }
 
 /// The claims, one a row; a column for the paper and one for each scene.
-fn claims(all: &[Measured], steps: u64) -> Result<Table> {
+fn claims(all: &[SceneFigures], steps: u64) -> Result<Table> {
     let names = all.iter().map(|m| format!(" | {}", m.name)).collect::<String>();
-    let mut table = Table::new(&format!("claim | the paper{names}"));
-    let mut claim = |what: &str, paper: &str, here: &dyn Fn(&Measured) -> String| {
-        let mut row = cells![what, paper];
-        row.extend(all.iter().map(here));
-        table.row(row);
+    let mut table = Table::new(format!("claim | the paper{names}"));
+    let mut claim = |what: &str, paper: &str, here: &dyn Fn(&SceneFigures) -> String| {
+        let here: Vec<String> = all.iter().map(here).collect();
+        table.row(format!("{what} | {paper} | {}", here.join(" | ")));
     };
-    let rate = |test: &Curve, anchor: &Curve, of: fn(&Coded) -> bool| {
+    let bd = |anchor: &[Point], test: &[Point]| signed(bd::bd_rate(anchor, test), 1, " %");
+    let rate = |test: &Curve, anchor: &Curve, of: fn(&Record) -> bool| {
         let points = |curve: &Curve| -> Vec<Point> {
             curve.points.iter().filter(|p| of(p)).map(|p| p.rate(Metric::Psnr)).collect()
         };
-        signed(bd::bd_rate(&points(anchor), &points(test)), 1, " %")
+        bd(&points(anchor), &points(test))
     };
-    let is_lossless = |p: &Coded| p.paper.as_ref().is_some_and(|s| s.contains("lossless"));
-    let both = |_: &Coded| true;
-    let lossy = |p: &Coded| p.paper.as_ref().is_some_and(|s| !s.contains("lossless"));
+    let is_lossless = |p: &Record| p.setting.contains("lossless");
+    let lossy = |p: &Record| !p.setting.contains("lossless");
+    let both = |_: &Record| true;
     let says = "Playroom -13.42 %, Truck -12.64 %";
     claim("Table 1, fig. 8: criteria against uniform J, fine-tuned", says, &|m| {
         rate(&m.tuned[1], &m.tuned[0], both)
@@ -260,7 +259,7 @@ fn claims(all: &[Measured], steps: u64) -> Result<Table> {
         rate(&m.tuned[3], &m.tuned[0], both)
     });
     let share = |row: fn(&Row) -> f64| {
-        move |m: &Measured| format!("{:.2}", row(&m.rows[3]) / row(&m.rows[1]))
+        move |m: &SceneFigures| format!("{:.2}", row(&m.rows[3]) / row(&m.rows[1]))
     };
     claim(
         "criteria / uniform J: Gaussians",
@@ -274,8 +273,8 @@ fn claims(all: &[Measured], steps: u64) -> Result<Table> {
     );
     claim("criteria / uniform J: equation 4", "the criteria minimise it", &share(|r| r.distortion));
     claim("time of barycenters / of the criteria", "about 15", &|m| format!("{:.0}", m.factor));
-    let short = |db: f64, m: &Measured| format!("{:+.2} dB", db - m.original.score.psnr_db);
-    let tuned = |i: usize| move |m: &Measured| short(m.tuned[i].voxelized[0].score.psnr_db, m);
+    let short = |db: f64, m: &SceneFigures| format!("{:+.2} dB", db - m.original.score.psnr_db);
+    let tuned = |i: usize| move |m: &SceneFigures| short(m.tuned[i].voxelized[0].score.psnr_db, m);
     claim(
         &format!("fig. 7: uniform J, initialised, after {steps} steps, to the original"),
         "near 0 after 8000",
@@ -288,8 +287,8 @@ fn claims(all: &[Measured], steps: u64) -> Result<Table> {
     );
     claim("criteria, initialised, fine-tuned, to the original", "as uniform", &tuned(1));
     let (ac, dc, opacity, quality) = PAPER_QPS[PAPER_QPS.len() - 2];
-    let modes = |m: &Measured| -> Option<String> {
-        let at = |mode: fn(&Coded) -> bool| {
+    let modes = |m: &SceneFigures| -> Option<String> {
+        let at = |mode: fn(&Record) -> bool| {
             m.tuned[0].points.iter().find(|p| p.quality == quality && mode(p))
         };
         let (book, exact) = (at(lossy)?, at(is_lossless)?);
@@ -311,16 +310,15 @@ fn claims(all: &[Measured], steps: u64) -> Result<Table> {
     });
     // The hull takes the better of the two octrees, which is the paper's side.
     let best = |curves: &[Curve]| -> Vec<Point> { curves.iter().flat_map(psnr).collect() };
-    let bd = |anchor: &[Point], test: &[Point]| signed(bd::bd_rate(anchor, test), 1, " %");
     claim("section 4.2: the paper, fine-tuned, against SPZ", "less by large margins", &|m| {
         m.spz.as_ref().map_or("-".into(), |spz| bd(spz, &best(&m.tuned[..2])))
     });
     claim("gsvx against the paper, neither tuned", "", &|m| bd(&best(&m.untuned), &psnr(&m.gsvx)));
-    let tuned = |i: usize, anchor: &dyn Fn(&Measured) -> Vec<Point>, m: &Measured| {
+    let tuned = |i: usize, anchor: &dyn Fn(&SceneFigures) -> Vec<Point>, m: &SceneFigures| {
         m.one_tune.as_ref().map_or("-".into(), |tuned| bd(&anchor(m), &tuned[i]))
     };
-    let paper = |m: &Measured| best(&m.tuned[..2]);
-    let gsvx = |m: &Measured| psnr(&m.gsvx);
+    let paper = |m: &SceneFigures| best(&m.tuned[..2]);
+    let gsvx = |m: &SceneFigures| psnr(&m.gsvx);
     let what = "one encoding, many rates: `gsvx tune` at 66, coded at six qualities, against the paper, fine-tuned";
     claim(what, "its promise", &|m| tuned(0, &paper, m));
     claim("the same against gsvx untuned", "", &|m| tuned(0, &gsvx, m));
@@ -342,19 +340,16 @@ fn published_rates() -> Result<String> {
     Ok(format!("{}, {}", rate("playroom")?, rate("truck")?))
 }
 
-fn voxelizations(scene: &Measured) -> Table {
+fn voxelizations(scene: &SceneFigures) -> Table {
     let mut table = Table::new(
         "octree | Gaussians | bytes of positions | equation 4, to uniform J | initialised as the paper, dB | by moments, dB",
     );
     for row in &scene.rows {
-        table.row(cells![
-            row.what,
-            row.leaves,
-            row.geometry,
-            format!("{:.2}", row.distortion / scene.rows[1].distortion),
-            format!("{:.2}", row.initialised),
-            format!("{:.2}", row.moments),
-        ]);
+        let Row { what, leaves, geometry, initialised, moments, .. } = row;
+        let distortion = row.distortion / scene.rows[1].distortion;
+        table.row(format!(
+            "{what} | {leaves} | {geometry} | {distortion:.2} | {initialised:.2} | {moments:.2}"
+        ));
     }
     table
 }

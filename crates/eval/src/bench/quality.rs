@@ -1,16 +1,14 @@
 //! What is lost at each quality without cameras, and what bounds on errors cost: the page from which the
 //! default quality is chosen.
 
-use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use serde_json::Value;
 
-use crate::cells;
 use crate::measure;
-use crate::page::{Page, Table};
+use crate::page::{Page, Table, number};
 use crate::process::GsvxCommand;
+use crate::record::Record;
 use crate::scenes::{self, TestScene};
 
 /// Flags of `cargo xtask bench-quality`.
@@ -50,30 +48,6 @@ struct Model {
     photos: Option<(TestScene, f64)>,
 }
 
-/// A stream beside its model.
-struct Loss {
-    bytes: u64,
-    gaussians: f64,
-    /// Against renders of the input: PSNR in the mean and at the worst view, mean SSIM.
-    psnr: f64,
-    worst: f64,
-    ssim: f64,
-    /// SSIMULACRA2 in the mean and at the worst view.
-    ssimulacra2: [f64; 2],
-    /// PSNR that is lost against the photos, where there are some.
-    lost: Option<f64>,
-}
-
-impl Loss {
-    /// Whether nobody sees a difference, by the measure of the page.
-    fn is_enough(&self) -> bool {
-        self.worst >= ENOUGH_DB
-            && self.ssim >= ENOUGH_SSIM
-            && self.ssimulacra2[1] >= ENOUGH_SSIMULACRA2
-            && self.lost.is_none_or(|lost| lost <= MOST_LOST_DB)
-    }
-}
-
 /// Measures and writes the page.
 ///
 /// # Errors
@@ -91,29 +65,30 @@ pub fn run(options: &QualityOptions) -> Result<()> {
     let mut enough = QUALITIES.map(|_| true);
     for model in &models {
         for (quality, enough) in QUALITIES.iter().zip(&mut enough) {
-            let loss = model.coded(&gsvx, &format!("--quality={quality}"))?;
-            *enough &= loss.is_enough();
-            table.told(cells![
-                model.name,
-                quality,
-                loss.bytes,
-                format!("{:.2}", loss.psnr),
-                format!("{:.2}", loss.worst),
-                format!("{:.4}", loss.ssim),
-                format!("{:.2}", loss.ssimulacra2[0]),
-                format!("{:.2}", loss.ssimulacra2[1]),
-                loss.lost.map_or("-".into(), |lost| format!("{lost:.3}")),
-                if loss.is_enough() { "yes" } else { "no" },
-            ]);
+            let (Record { bytes, score, .. }, lost) =
+                model.coded(&gsvx, &format!("--quality={quality}"))?;
+            let (db, worst_db) = (score.psnr_db, score.worst(|v| v.psnr_db));
+            let (third, worst_third) = (score.ssimulacra2, score.worst(|v| v.ssimulacra2));
+            let is_enough = worst_db >= ENOUGH_DB
+                && score.ssim >= ENOUGH_SSIM
+                && worst_third >= ENOUGH_SSIMULACRA2
+                && lost.is_none_or(|lost| lost <= MOST_LOST_DB);
+            *enough &= is_enough;
+            let (ssim, lost) = (score.ssim, number(lost, 3));
+            let (name, says) = (&model.name, if is_enough { "yes" } else { "no" });
+            table.told(format!(
+                "{name} | {quality} | {bytes} | {db:.2} | {worst_db:.2} | {ssim:.4} | {third:.2} | {worst_third:.2} | \
+                 {lost} | {says}"
+            ));
         }
     }
     let mut bounded = Table::new("model | setting | bytes | bit/Gaussian | PSNR dB");
     for model in models.iter().filter(|m| m.photos.is_some()) {
         for setting in SETTINGS {
-            let loss = model.coded(&gsvx, setting)?;
-            let bits = format!("{:.1}", 8.0 * loss.bytes as f64 / loss.gaussians.max(1.0));
-            let db = format!("{:.2}", loss.psnr);
-            bounded.told(cells![model.name, format!("`{setting}`"), loss.bytes, bits, db]);
+            let (record, _) = model.coded(&gsvx, setting)?;
+            let (name, bytes, db) = (&model.name, record.bytes, record.score.psnr_db);
+            let bits = record.bits_per_gaussian();
+            bounded.told(format!("{name} | `{setting}` | {bytes} | {bits:.1} | {db:.2}"));
         }
     }
     let least = QUALITIES.iter().zip(enough).find(|(_, enough)| *enough);
@@ -175,30 +150,20 @@ impl Model {
         Self { name, path, views: vec!["--orbit=8".into()], photos: None }
     }
 
-    /// Codes the model by the command at a setting, and compares the stream.
-    fn coded(&self, gsvx: &GsvxCommand, setting: &str) -> Result<Loss> {
+    /// A stream of the command at a setting, beside renders of the input; and the PSNR that is lost against the photos,
+    /// where there are some.
+    fn coded(&self, gsvx: &GsvxCommand, setting: &str) -> Result<(Record, Option<f64>)> {
         let dir = tempfile::tempdir().context("make a temporary folder")?;
         let stream = dir.path().join("a.gsvx");
-        gsvx.make(&[&"encode", &"--no-estimate", &setting, &self.path], &stream)?;
-        let words: [&dyn AsRef<OsStr>; 3] = [&"compare", &self.path, &stream];
-        let views = self.views.iter().map(|w| w as &dyn AsRef<OsStr>);
-        let compared = gsvx.run(&words.into_iter().chain(views).collect::<Vec<_>>())?;
-        let compared: Value = compared.json()?;
-        // Equal pictures have none.
-        let db = |of: &Value| of["psnr"].as_f64().unwrap_or(f64::INFINITY);
-        let third = |of: &Value| of["ssimulacra2"].as_f64().unwrap_or(f64::NAN);
-        let views = compared["views"].as_array().map(Vec::as_slice).unwrap_or_default();
+        let mut command = gsvx.words(["encode", "--no-estimate", setting]);
+        gsvx.make(command.arg(&self.path), &stream)?;
+        let score = gsvx.compare(&self.path, &stream, &self.views)?;
         let bytes = std::fs::read(&stream)?;
         let scene = ::gsvx::decode(&bytes)?;
         let lost = |(test, db): &(TestScene, f64)| db - measure::psnr_db(&scene, &test.held_out);
-        Ok(Loss {
-            bytes: bytes.len() as u64,
-            gaussians: compared["gaussians"][0].as_f64().context("gaussians")?,
-            psnr: db(&compared),
-            worst: views.iter().map(db).fold(f64::INFINITY, f64::min),
-            ssim: compared["ssim"].as_f64().context("ssim")?,
-            ssimulacra2: [third(&compared), views.iter().map(third).fold(f64::INFINITY, f64::min)],
-            lost: self.photos.as_ref().map(lost),
-        })
+        let gaussians = self.photos.as_ref().map_or(0, |(test, _)| test.model.len());
+        let bytes = bytes.len() as u64;
+        let record = Record { bytes, gaussians, score, ..Record::default() };
+        Ok((record, self.photos.as_ref().map(lost)))
     }
 }

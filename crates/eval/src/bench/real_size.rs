@@ -2,21 +2,19 @@
 //!
 //! A stream takes minutes. What was measured stays recorded for one build of the command.
 
-use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Result, ensure};
 use finetune::TrainView;
 use gs_model::dataset::{HOLD_OUT_EVERY, open_views};
-use serde::{Deserialize, Serialize};
-use serde_json::Value;
 
 use crate::cache::{self, Cache};
-use crate::page::{Page, Table};
+use crate::measure::{self, Score};
+use crate::page::{Page, Table, number};
 use crate::peers::lgsc;
-use crate::process::GsvxCommand;
-use crate::progress::Bar;
-use crate::{cells, manifest, measure, scenes};
+use crate::process::{self, GsvxCommand, NO_LIMIT, Usage};
+use crate::record::Record;
+use crate::{manifest, scenes};
 
 /// Flags of `cargo xtask bench-real-size`.
 #[derive(Clone, Debug, clap::Args)]
@@ -53,23 +51,6 @@ struct Photos {
     scene: String,
     dir: PathBuf,
     held_out: Vec<TrainView>,
-}
-
-/// What was measured of a file of a model.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-struct Coded {
-    bytes: u64,
-    /// Not of the model itself, where it is compared with its own renders.
-    quality: Option<[f64; 2]>,
-    cost: Option<Cost>,
-}
-
-/// What a command took.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-struct Cost {
-    wall: f64,
-    user: f64,
-    peak_mb: f64,
 }
 
 /// Measures and writes the page.
@@ -115,51 +96,55 @@ impl Model {
         Ok(Self { name: scenes::name_of(&path), path, photos })
     }
 
-    /// The files of the model that are measured: name and words of the command, in the table's order.
-    fn files(&self, efforts: &[String]) -> Vec<(String, Vec<String>)> {
-        let words = |all: &[&str]| all.iter().map(ToString::to_string).collect::<Vec<_>>();
+    /// The files of the model that are measured: name, extension, and words of the command, in the table's order.
+    fn files(&self, efforts: &[String]) -> Vec<(String, &'static str, Vec<String>)> {
         let cameras = self.photos.as_ref().map(|p| format!("--cameras={}", p.dir.display()));
-        let mut files = vec![
-            ("PLY".to_owned(), words(&["convert", "--force"])),
-            ("SPZ v4".to_owned(), words(&["convert", "--force"])),
-            ("L-GSC, level 0".to_owned(), words(&["lgsc", "0"])),
-            ("L-GSC, level 2".to_owned(), words(&["lgsc", "2"])),
-            ("`gsvx encode`".to_owned(), words(&["encode", "--no-estimate"])),
-            ("`gsvx encode -q 45`".to_owned(), words(&["encode", "--no-estimate", "-q45"])),
-        ];
-        if let Some(cameras) = &cameras {
+        let mut files = Vec::new();
+        let mut add = |name: &str, extension, words: &str, views: Option<&str>| {
+            let words = words.split(' ').chain(views).map(str::to_owned).collect();
+            files.push((name.to_owned(), extension, words));
+        };
+        add("PLY", "ply", "convert --force", None);
+        add("SPZ v4", "spz", "convert --force", None);
+        add("L-GSC, level 0", "ply", "lgsc 0", None);
+        add("L-GSC, level 2", "ply", "lgsc 2", None);
+        add("`gsvx encode`", "gsvx", "encode --no-estimate", None);
+        add("`gsvx encode -q 45`", "gsvx", "encode --no-estimate -q45", None);
+        if cameras.is_some() {
             for quality in WITH_CAMERAS {
-                let words = words(&["encode", "--no-estimate", cameras, &format!("-q{quality}")]);
-                files.push((format!("`gsvx encode --cameras -q {quality}`"), words));
+                let name = format!("`gsvx encode --cameras -q {quality}`");
+                let words = format!("encode --no-estimate -q{quality}");
+                add(&name, "gsvx", &words, cameras.as_deref());
             }
         }
         for effort in efforts {
-            let views = cameras.as_deref().unwrap_or(TUNE_ORBIT);
-            let name = format!("`gsvx tune --effort {effort}`");
-            files.push((name, words(&["tune", &format!("--effort={effort}"), views])));
+            let (name, words) =
+                (format!("`gsvx tune --effort {effort}`"), format!("tune --effort={effort}"));
+            add(&name, "gsvx", &words, Some(cameras.as_deref().unwrap_or(TUNE_ORBIT)));
         }
         files
     }
 
     fn table(&self, gsvx: &GsvxCommand, efforts: &[String]) -> Result<(String, Table)> {
         let dir = scenes::root().join("out/rd").join(&self.name);
-        let inputs = (cache::hash_file(gsvx.path())?, cache::hash_file(&self.path)?);
+        let inputs = (cache::hash_file(&gsvx.0)?, cache::hash_file(&self.path)?);
         let cache = Cache::open(&dir.join("stages"), &inputs, false)?;
         let mut table = Table::new("file | MB | PSNR, dB | SSIM | seconds | CPU | peak MB");
-        for (name, words) in self.files(efforts) {
+        for (name, extension, words) in self.files(efforts) {
             println!("{}: {name} ...", self.name);
-            let extension = match &*name {
-                _ if words[0] == "lgsc" => "ply",
-                "PLY" => "ply",
-                "SPZ v4" => "spz",
-                _ => "gsvx",
-            };
             let file = dir.join("real-size").with_extension(extension);
             let judge = (self.photos.as_ref().map(|p| p.held_out.len()), COMPARE_ORBIT);
             let what = (&words, extension, judge);
-            let coded: Coded =
+            let record: Record =
                 cache.run("real-size", &what, || self.measure(gsvx, &words, &file))?;
-            table.row(coded.row(&name));
+            let Record { bytes, score, encode: Usage { wall, user, peak_mb }, .. } = record;
+            // What takes no time was not measured.
+            let needed = |x: f64, decimals| number(Some(x).filter(|_| wall > 0.0), decimals);
+            let (needs, peak) =
+                ([wall, user].map(|s| needed(s, 1)).join(" | "), needed(peak_mb, 0));
+            let (mb, db) = (bytes as f64 / 1e6, number(score.psnr_db, 2));
+            let ssim = number(score.ssim, 3);
+            table.row(format!("{name} | {mb:.2} | {db} | {ssim} | {needs} | {peak}"));
         }
         let compared = match &self.photos {
             Some(Photos { scene, held_out, .. }) => format!(
@@ -174,42 +159,38 @@ impl Model {
         Ok((format!("**{}.** {compared}", self.name), table))
     }
 
-    /// Makes a file and compares it.
-    fn measure(&self, gsvx: &GsvxCommand, words: &[String], file: &Path) -> Result<Coded> {
-        if let [word, level] = words
-            && word == "lgsc"
-        {
-            let level = lgsc::LEVELS[level.parse::<usize>()?];
+    /// Makes a file and compares it with the photos, or with renders of the model.
+    fn measure(&self, gsvx: &GsvxCommand, words: &[String], file: &Path) -> Result<Record> {
+        let is_ply = file.extension().is_some_and(|e| e == "ply");
+        let (mut bytes, mut encode) = (0, Usage::default());
+        if words[0] == "lgsc" {
+            let level = lgsc::LEVELS[words[1].parse::<usize>()?];
             let (stream, decoded) = lgsc::code(&scenes::read_model(&self.path)?, level)?;
             gs_model::ply::write(file, &decoded)?;
-            let quality = self.quality(gsvx, file)?;
-            return Ok(Coded { bytes: stream.len() as u64, quality: Some(quality), cost: None });
+            bytes = stream.len() as u64;
+        } else {
+            let mut command = gsvx.words(words);
+            command.arg(&self.path);
+            let output = match words[0].as_str() {
+                "convert" => process::run(command.arg(file), NO_LIMIT)?,
+                _ => gsvx.make(&mut command, file)?,
+            };
+            if !is_ply {
+                encode = output.usage;
+            }
         }
-        let mut all: Vec<&dyn AsRef<OsStr>> = words.iter().map(|w| w as _).collect();
-        all.push(&self.path);
-        let done = match words[0].as_str() {
-            "convert" => gsvx.run(&[&all[..], &[&file]].concat())?,
-            _ => gsvx.make(&all, file)?,
+        let score = match &self.photos {
+            Some(photos) => {
+                measure::score(&self.name, &scenes::read_model(file)?, &photos.held_out)
+            }
+            // The model itself.
+            None if is_ply && bytes == 0 => Score::default(),
+            None => gsvx.compare(&self.path, file, &COMPARE_ORBIT.map(String::from))?,
         };
-        let bytes = std::fs::metadata(file)?.len();
-        // The model itself.
-        let is_ply = file.extension().is_some_and(|e| e == "ply");
-        let compared = !is_ply || self.photos.is_some();
-        let quality = compared.then(|| self.quality(gsvx, file)).transpose()?;
-        let cost = Cost { wall: done.wall, user: done.user, peak_mb: done.peak_mb };
-        Ok(Coded { bytes, quality, cost: (!is_ply).then_some(cost) })
-    }
-
-    /// PSNR and SSIM of a file against the photos, or against renders of the model.
-    fn quality(&self, gsvx: &GsvxCommand, file: &Path) -> Result<[f64; 2]> {
-        if let Some(photos) = &self.photos {
-            return photos.quality(file);
+        if bytes == 0 {
+            bytes = std::fs::metadata(file)?.len();
         }
-        let words: Vec<&dyn AsRef<OsStr>> = vec![&"compare", &self.path, &file];
-        let orbit = COMPARE_ORBIT.iter().map(|w| w as &dyn AsRef<OsStr>);
-        let said: Value = gsvx.run(&words.into_iter().chain(orbit).collect::<Vec<_>>())?.json()?;
-        let number = |key: &str| said[key].as_f64().with_context(|| format!("no {key}"));
-        Ok([number("psnr")?, number("ssim")?])
+        Ok(Record { bytes, score, encode, ..Record::default() })
     }
 }
 
@@ -219,31 +200,5 @@ impl Photos {
         let views = open_views(&dir)?;
         let held_out = measure::load(views.iter().step_by(HOLD_OUT_EVERY))?;
         Ok(Self { scene: scene.to_owned(), dir, held_out })
-    }
-
-    /// PSNR and SSIM of the model in a file.
-    fn quality(&self, file: &Path) -> Result<[f64; 2]> {
-        let bar = Bar::new("render", self.held_out.len() as u64);
-        let (score, _) = measure::score(&scenes::read_model(file)?, &self.held_out, &bar);
-        bar.done();
-        Ok([score.psnr_db, score.ssim])
-    }
-}
-
-impl Coded {
-    fn row(&self, name: &str) -> Vec<String> {
-        let number = |value: Option<f64>, digits: usize| {
-            value.map_or("-".to_owned(), |v| format!("{v:.digits$}"))
-        };
-        let cost = self.cost.as_ref();
-        cells![
-            name,
-            format!("{:.2}", self.bytes as f64 / 1e6),
-            number(self.quality.map(|q| q[0]), 2),
-            number(self.quality.map(|q| q[1]), 3),
-            number(cost.map(|c| c.wall), 1),
-            number(cost.map(|c| c.user), 1),
-            number(cost.map(|c| c.peak_mb), 0),
-        ]
     }
 }

@@ -4,17 +4,17 @@
 //! be made in parts: a run measures what it is asked for and writes all that is recorded.
 
 mod page;
+mod streams;
 
 use std::path::PathBuf;
 
 use anyhow::{Result, ensure};
 
-use crate::measure::Score;
 use crate::process::GsvxCommand;
-use crate::rd_curve::CurveOptions;
-use crate::rd_curve::streams::{QUALITIES, StreamKind, StreamPoint, Streams};
-use crate::rd_curve::study::Study;
-use tune::TuneEffort;
+use crate::rd_curve::options::TUNED_QUALITIES;
+use crate::record::Record;
+use crate::study::Study;
+use streams::{StreamKind, Streams};
 
 /// Flags of `cargo xtask bench-tune`.
 #[derive(Clone, Debug, clap::Args)]
@@ -38,28 +38,18 @@ pub struct TuneBenchOptions {
 const UNTUNED: [f32; 7] = [30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 90.0];
 
 /// Ways of tuning on the page.
-const RUNS: [StreamKind; 3] = [
-    StreamKind::Tune { effort: TuneEffort::Normal, distil: false },
-    StreamKind::Tune { effort: TuneEffort::Quick, distil: false },
-    StreamKind::Tune { effort: TuneEffort::Normal, distil: true },
-];
-
-/// The points of one way of tuning, by quality.
-struct Tuned {
-    how: StreamKind,
-    points: Vec<StreamPoint>,
-}
+const RUNS: [StreamKind; 3] = [StreamKind::NORMAL, StreamKind::QUICK, StreamKind::DISTIL];
 
 /// What the page has of one scene.
 struct Scene {
     name: String,
-    gaussians: usize,
     /// The model as it was trained, against the photos.
-    original: Score,
-    untuned: Vec<StreamPoint>,
+    original: Record,
+    untuned: Vec<Record>,
     /// Streams that keep what the cameras do not see.
-    untuned_all: Vec<StreamPoint>,
-    tuned: Vec<Tuned>,
+    untuned_all: Vec<Record>,
+    /// The points of each way of tuning, by quality.
+    tuned: Vec<(StreamKind, Vec<Record>)>,
 }
 
 /// Measures and writes the page.
@@ -67,42 +57,34 @@ struct Scene {
 /// # Errors
 /// If the command is not there or fails, or a scene cannot be read.
 pub fn run(options: &TuneBenchOptions) -> Result<()> {
-    let known = RUNS.map(StreamKind::name);
+    let known = RUNS.map(|how| how.name);
     for name in &options.runs {
-        ensure!(known.contains(name), "{name}: no such run; there are {}", known.join(", "));
+        let is_known = known.contains(&name.as_str());
+        ensure!(is_known, "{name}: no such run; there are {}", known.join(", "));
     }
     let gsvx = GsvxCommand::find()?;
     let scenes = options.scenes.iter().map(|name| scene(options, &gsvx, name));
-    let scenes = scenes.collect::<Result<Vec<_>>>()?;
-    page::page(options, &scenes).write()
+    page::page(options, &scenes.collect::<Result<Vec<_>>>()?).write()
 }
 
 fn scene(options: &TuneBenchOptions, gsvx: &GsvxCommand, name: &str) -> Result<Scene> {
-    let study = Study::open(&CurveOptions::of(name)?)?;
+    let study = Study::of(name)?;
     let original = study.original()?;
     let streams = Streams::open(&study, gsvx)?;
-    let mut tuned = Vec::new();
-    for how in RUNS {
-        let asked = options.runs.is_empty() || options.runs.contains(&how.name());
-        let point = |quality: f32| match &options.qualities {
+    let tuned = RUNS.map(|how| {
+        let asked = options.runs.is_empty() || options.runs.iter().any(|run| run == how.name);
+        let point = |&quality: &f32| match &options.qualities {
             only if asked && (only.is_empty() || only.contains(&quality)) => {
                 streams.point(how, quality).map(Some)
             }
             _ => streams.find(how, quality),
         };
-        let points: Vec<_> = QUALITIES.into_iter().map(point).collect::<Result<_>>()?;
-        tuned.push(Tuned { how, points: points.into_iter().flatten().collect() });
-    }
-    let untuned = |drop_unseen| {
-        let points = UNTUNED.iter().map(|&q| streams.point(StreamKind::Encode { drop_unseen }, q));
-        points.collect::<Result<Vec<_>>>()
-    };
-    Ok(Scene {
-        name: study.test.files.name.clone(),
-        gaussians: original.gaussians,
-        original: original.score,
-        untuned: untuned(true)?,
-        untuned_all: untuned(false)?,
-        tuned,
-    })
+        let points = TUNED_QUALITIES.iter().filter_map(|q| point(q).transpose());
+        Ok((how, points.collect::<Result<_>>()?))
+    });
+    let tuned = tuned.into_iter().collect::<Result<_>>()?;
+    let untuned =
+        |how| UNTUNED.iter().map(|&q| streams.point(how, q)).collect::<Result<Vec<Record>>>();
+    let (untuned, untuned_all) = (untuned(StreamKind::UNTUNED)?, untuned(StreamKind::ALL_KEPT)?);
+    Ok(Scene { name: study.test.files.name.clone(), original, untuned, untuned_all, tuned })
 }

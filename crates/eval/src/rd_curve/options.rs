@@ -8,6 +8,8 @@ use finetune::Backend;
 use tune::TuneEffort;
 use voxel::{Released, Strategy};
 
+use crate::study::Study;
+
 /// Reads the name of an effort.
 fn effort(text: &str) -> Result<TuneEffort, String> {
     let names = TuneEffort::ALL.map(TuneEffort::name).join(", ");
@@ -106,6 +108,9 @@ pub struct CurveOptions {
     pub(crate) fresh: bool,
 }
 
+/// Qualities of tuned curves: from 2 dB or more below the model as it was trained to above it or near it.
+pub(crate) const TUNED_QUALITIES: [f32; 6] = [42.0, 50.0, 58.0, 66.0, 78.0, 90.0];
+
 /// The first and the last quality of a curve.
 const LOW: f32 = 20.0;
 const HIGH: f32 = 90.0;
@@ -121,8 +126,11 @@ impl CurveOptions {
         Ok(Self::from_arg_matches(&command.try_get_matches_from([scene])?)?)
     }
 
-    pub(crate) fn views(&self) -> usize {
-        self.views.unwrap_or(if self.quick { QUICK.0 } else { usize::MAX })
+    /// Opens the scene.
+    pub(crate) fn study(&self) -> Result<Study> {
+        let views = self.views.unwrap_or(if self.quick { QUICK.0 } else { usize::MAX });
+        ensure!(views > 0, "--views must be at least 1");
+        Study::open(&self.scene, views, self.out.as_deref(), self.fresh)
     }
 
     /// What a newcomer runs shows the best: of the room the tuned curve takes seconds.
@@ -150,7 +158,7 @@ impl CurveOptions {
     }
 
     pub(super) fn tuned_qualities(&self) -> Vec<f32> {
-        crate::scenes::spread(super::streams::QUALITIES.to_vec(), self.rates())
+        crate::scenes::spread(TUNED_QUALITIES.to_vec(), self.rates())
     }
 }
 

@@ -7,6 +7,7 @@ use voxel::{Merge, Strategy};
 
 use super::options::{CurveOptions, Tuning};
 use crate::progress::Bar;
+use crate::study::{Study, slug};
 
 /// Depths among which the uniform depth is chosen.
 const DEPTHS: std::ops::RangeInclusive<u8> = 8..=18;
@@ -196,12 +197,6 @@ pub(crate) const ALL_KEPT: &str = "gsvx, unseen kept";
 pub(crate) const GSVX: &str = "gsvx";
 pub(crate) const TUNED: &str = "gsvx, tuned";
 
-/// A name as a part of file names and links.
-pub(crate) fn slug(name: &str) -> String {
-    let words = name.split(|c: char| !c.is_ascii_alphanumeric() && c != '=');
-    words.filter(|w| !w.is_empty() && *w != "s").collect::<Vec<_>>().join("-")
-}
-
 /// How a voxelized model is coded.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Coding {
@@ -256,11 +251,15 @@ impl Coding {
         format!("q{:.0}{}", self.quality(), if lossless { "-lossless" } else { "" })
     }
 
-    /// The paper's QPs in words.
-    pub(crate) fn paper_setting(&self) -> Option<String> {
-        let Self::Paper { qp, lossless, .. } = self else { return None };
-        let covariance = if *lossless { ", lossless covariance" } else { "" };
-        Some(format!("QP {}/{}/{}{covariance}", qp.ac, qp.dc, qp.opacity))
+    /// Quality or QPs in words.
+    pub(crate) fn setting(&self) -> String {
+        match self {
+            Self::Quality(quality) => format!("{quality:.0}"),
+            Self::Paper { qp: Qp { ac, dc, opacity }, lossless, .. } => {
+                let covariance = if *lossless { ", lossless covariance" } else { "" };
+                format!("QP {ac}/{dc}/{opacity}{covariance}")
+            }
+        }
     }
 
     /// Options of the paper's coding of so many Gaussians.
@@ -274,8 +273,13 @@ impl Coding {
     }
 }
 
-/// Chooses the depth of the uniform octree.
-pub(crate) fn choose_depth(scene: &Scene, cameras: &[Camera]) -> Result<u8> {
+/// Depth of the uniform octree: the given one, or the one that rendering asks for.
+pub(crate) fn depth(study: &Study, given: Option<u8>) -> Result<u8> {
+    let choose = || choose_depth(&study.test.model, &study.test.training);
+    given.map_or_else(|| study.cache.run("depth", &(), choose), Ok)
+}
+
+fn choose_depth(scene: &Scene, cameras: &[Camera]) -> Result<u8> {
     let step = cameras.len().div_ceil(CHOICE_VIEWS).max(1);
     let cameras: Vec<&Camera> = cameras.iter().step_by(step).collect();
     if cameras.is_empty() {
@@ -294,13 +298,12 @@ pub(crate) fn choose_depth(scene: &Scene, cameras: &[Camera]) -> Result<u8> {
             .map(|(c, o)| finetune::metrics::psnr(&finetune::render(&merged, c, &options), o))
             .sum();
         bar.step(1);
-        if total / cameras.len() as f64 >= ENOUGH_DB {
+        if total / cameras.len() as f64 >= ENOUGH_DB || depth == *DEPTHS.end() {
             bar.done();
             return Ok(depth);
         }
     }
-    bar.done();
-    Ok(*DEPTHS.end())
+    bail!("no depth is left to choose")
 }
 
 #[cfg(test)]
@@ -310,7 +313,7 @@ mod tests {
     #[test]
     fn the_paper_is_coded_at_six_triples_and_in_both_modes() {
         let all = paper_codings();
-        let settings: Vec<String> = all.iter().filter_map(Coding::paper_setting).collect();
+        let settings: Vec<String> = all.iter().map(Coding::setting).collect();
         assert_eq!(settings[0], "QP 40/28/40");
         assert_eq!(settings[6..].len(), 3);
         assert!(settings[6..].iter().all(|s| s.ends_with(", lossless covariance")));
@@ -333,12 +336,6 @@ mod tests {
         assert!(plans[2].tuning.is_none() && plans[4].tuning.is_none());
         options.finetune = Some(0);
         assert!(!names(&options).contains(&PAPER_TUNED));
-    }
-
-    #[test]
-    fn names_of_curves_become_parts_of_links() {
-        assert_eq!(slug(PAPER_CRITERIA), "paper-criteria");
-        assert_eq!(slug(PAPER), "paper-not-tuned");
     }
 
     #[test]

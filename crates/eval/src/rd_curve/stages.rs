@@ -8,14 +8,13 @@ use gs_model::Scene;
 use gsvx::{EncodeOptions, Prepared};
 use voxel::{Importance, Merge, Strategy};
 
+use super::fine_tune::fine_tuned;
 use super::options::Tuning;
-use super::plan::{Coding, Rule, Sight, Voxels, slug};
-use super::record::{Coded, VoxelizedRecord};
-use super::study::Study;
-use super::tune;
+use super::plan::{Coding, CurvePlan, Rule, Sight, Voxels};
 use crate::measure;
-use crate::progress::Bar;
-use crate::round_trip::{round_trip, timed};
+use crate::process::timed;
+use crate::record::{Curve, Record, VoxelizedRecord};
+use crate::study::{Encoded, Study, slug};
 
 /// The stages of one voxelization. The voxelized model is made when a stage first needs it.
 pub(crate) struct Branch<'a> {
@@ -61,11 +60,7 @@ impl<'a> Branch<'a> {
         let (prepared, seconds) = timed(|| self.prepared(scene, importance));
         let mut prepared = prepared.with_context(|| format!("voxelize ({})", self.plan.name))?;
         if let Some(tuning) = self.tuning {
-            let record = tune::tuned(self.study, &self.name(), &self.key(), &prepared, tuning)?;
-            let path = self.study.out.join(&record.file);
-            let (scene, _) = gs_model::ply::read(&path)?;
-            ensure!(scene.means == prepared.scene.means, "{}: other means", path.display());
-            prepared.scene = scene;
+            prepared.scene = fine_tuned(self.study, &self.name(), &self.key(), &prepared, tuning)?;
         }
         Ok(self.model.get_or_init(|| Model { prepared, seconds }))
     }
@@ -89,72 +84,75 @@ impl<'a> Branch<'a> {
         let name = self.name();
         self.study.cache.run(&format!("voxelize-{name}"), &self.key(), || {
             let Model { prepared: Prepared { scene, voxels, .. }, seconds } = self.model()?;
-            let bar = Bar::new(
-                &format!("render {name}, voxelized"),
-                self.study.test.held_out.len() as u64,
-            );
-            let (score, _) = measure::score(scene, &self.study.test.held_out, &bar);
-            let tuned = self.tuning.map(|_| tune::find(self.study, &name, &self.key()));
             Ok(VoxelizedRecord {
                 name: name.clone(),
                 what: self.plan.what.clone(),
-                j_high: voxels.octree().depth(),
                 depth_histogram: voxels.octree().depth_histogram(),
                 gaussians: scene.len(),
-                score,
+                score: measure::score(
+                    &format!("{name}, voxelized"),
+                    scene,
+                    &self.study.test.held_out,
+                ),
                 voxelize_seconds: *seconds,
                 importance_seconds: self.study.importance().1,
-                render_seconds: bar.done(),
-                tuned: tuned.transpose()?.flatten(),
             })
         })
     }
 
     /// Encodes, decodes the bytes and scores what comes out.
-    pub(crate) fn coded(&self, curve: &str, coding: Coding) -> Result<Coded> {
-        let study = self.study;
+    fn coded(&self, curve: &str, coding: Coding) -> Result<Record> {
         let name = format!("{}-{}", slug(curve), coding.name());
-        let stage = format!("code-{name}");
         let settings = (self.key(), format!("{coding:?}"));
-        let extension = if coding.paper_setting().is_some() { "paper" } else { "gsvx" };
-        if let Some(record) = study.cache.find(&stage, &settings, |r| study.has_stream(r))? {
-            return Ok(record);
-        }
-
-        let Prepared { scene: merged, voxels, importance, .. } = &self.model()?.prepared;
-        let mut parts = Vec::new();
-        let encode = || match coding.paper(merged.len()) {
-            None => {
-                let mut options = EncodeOptions::from_quality(coding.quality())?;
-                options.importance = Some(importance.clone());
-                let encoded = gsvx::encode_voxels(merged, voxels.octree(), None, &options)?;
-                parts = encoded.parts();
-                Ok(encoded.bytes)
-            }
-            Some(options) => {
-                let encoded = paper::encode(merged, voxels.octree(), Some(importance), &options)?;
-                parts = encoded.parts;
-                Ok(encoded.bytes)
-            }
+        let encode = || {
+            let Prepared { scene, voxels, importance, .. } = &self.model()?.prepared;
+            Encoded::timed(|| match coding.paper(scene.len()) {
+                None => {
+                    let mut options = EncodeOptions::from_quality(coding.quality())?;
+                    options.importance = Some(importance.clone());
+                    let encoded = gsvx::encode_voxels(scene, voxels.octree(), None, &options)?;
+                    let parts = encoded.parts();
+                    Ok((encoded.bytes, parts))
+                }
+                Some(options) => {
+                    let importance = Some(&importance[..]);
+                    let encoded = paper::encode(scene, voxels.octree(), importance, &options)?;
+                    Ok((encoded.bytes, encoded.parts))
+                }
+            })
         };
-        let decode = |bytes: &[u8]| match coding {
-            Coding::Quality(_) => Ok(gsvx::decode(bytes)?),
-            Coding::Paper { .. } => Ok(paper::decode(bytes)?),
+        let decode = |bytes: &[u8]| {
+            let decoded = match coding {
+                Coding::Quality(_) => gsvx::decode(bytes)?,
+                Coding::Paper { .. } => paper::decode(bytes)?,
+            };
+            let same = decoded.means == self.model()?.prepared.scene.means;
+            ensure!(same, "decoded means are not the voxelized ones");
+            Ok(decoded)
         };
-        let trip = round_trip(&name, &study.test.held_out, encode, decode)?;
-        let means = &trip.decoded.means;
-        ensure!(*means == merged.means, "{name}: decoded means are not the voxelized ones");
-
-        let stream = study.keep(&name, extension, &trip.stream)?;
-        let record = Coded {
-            voxels: self.name(),
-            quality: coding.quality(),
-            paper: coding.paper_setting(),
-            ..Coded::of(trip, stream, parts)
-        };
-        study.cache.store(&stage, &settings, &record)?;
-        Ok(record)
+        let extension = if matches!(coding, Coding::Paper { .. }) { "paper" } else { "gsvx" };
+        let study = self.study;
+        let record = study.point(&study.cache, &name, extension, &settings, encode, decode)?;
+        let (setting, quality, voxels) = (coding.setting(), coding.quality(), self.name());
+        Ok(Record { setting, quality, voxels, ..record })
     }
+}
+
+/// The curve of a plan.
+pub(crate) fn curve(study: &Study, plan: CurvePlan) -> Result<Curve> {
+    let mut curve = Curve { name: plan.name.into(), what: plan.what, ..Curve::default() };
+    // Several models may be coded at one quality.
+    let is_paper = |coding: &Coding| matches!(coding, Coding::Paper { .. });
+    let several = plan.steps.iter().flat_map(|s| &s.1).any(is_paper);
+    for (voxels, codings) in &plan.steps {
+        let branch = Branch::new(study, voxels, plan.tuning);
+        curve.voxelized.push(branch.voxelized()?);
+        let name = if several { branch.name() } else { plan.name.to_owned() };
+        for &coding in codings {
+            curve.points.push(branch.coded(&name, coding)?);
+        }
+    }
+    Ok(curve)
 }
 
 /// Voxelizes and merges by any strategy, where [`gsvx::prepare`] knows only its own. Importances are guessed if there

@@ -6,10 +6,10 @@ use anyhow::{Context, Result};
 use finetune::{RenderOptions, render};
 use gs_model::Scene;
 
-use super::record::Run;
-use super::study::Study;
 use crate::measure::Score;
+use crate::record::Run;
 use crate::report::{self, CropView, Shown};
+use crate::study::Study;
 
 /// Views of which there are pictures.
 const VIEWS: usize = 2;
@@ -33,11 +33,11 @@ pub(super) fn draw(run: &Run, study: &Study) -> Result<Vec<CropView>> {
         let db = |s: &Score| s.views.get(v).map_or(f64::NAN, |x| x.psnr_db);
         let says = "The photo, held out from training.".to_owned();
         let photo = Shown::new(held_out.photo.image(), "photo", says);
-        let mb = report::megabytes(run.original.file_bytes);
+        let mb = run.original.megabytes();
         let says = format!("original model, {mb} MB, {:.2} dB", db(&run.original.score));
         let original = Shown::new(draw(&study.test.model), "original", says);
         let shown = decoded.iter().map(|(point, scene)| {
-            let (mb, quality) = (report::megabytes(point.bytes), point.quality);
+            let (mb, quality) = (point.megabytes(), point.quality);
             let (name, db) = (&curve.name, db(&point.score));
             let says = format!("{mb} MB ({name}, quality {quality:.0}), {db:.2} dB");
             Shown::new(draw(scene), &format!("{mb} MB"), says)

@@ -2,11 +2,11 @@
 
 use crate::bd;
 use crate::measure::Metric;
-use crate::published::{Other, PAPER_CHAIN};
+use crate::published::PAPER_CHAIN;
 use crate::rd_curve::plan::{
     ALL_KEPT, GSVX, NO_CAMERAS, PAPER, PAPER_CRITERIA, PAPER_TUNED, TUNED, UNIFORM,
 };
-use crate::rd_curve::record::{Coded, Run};
+use crate::record::{Curve, Record, Run};
 
 /// The bytes of gsvx beside those of something else at an equal score.
 pub(super) struct Comparison {
@@ -63,14 +63,14 @@ pub(super) fn comparisons(run: &Run) -> Vec<Comparison> {
         }
     }
     // Codecs of one setting have no curve.
-    let single = |o: &&Other| !o.is_published() && !run.bd.iter().any(|b| b.anchor == o.name);
+    let single = |o: &&Curve| !o.is_published() && !run.bd.iter().any(|b| b.anchor == o.name);
     if let Some(gsvx) = run.curves.iter().find(|c| c.name == GSVX) {
         for other in run.others.iter().filter(single) {
-            let difference = |p: &crate::published::OtherPoint| {
+            let difference = |p: &Record| {
                 // A lossless archive is no competitor.
-                let lossy = 2 * p.bytes <= run.original.file_bytes;
+                let lossy = 2 * p.bytes <= run.original.bytes;
                 let against = |metric| {
-                    let rate = bd::rate_at(&gsvx.rates(metric), p.rate(metric)?.score)?;
+                    let rate = bd::rate_at(&gsvx.rates(metric), metric.of(&p.score))?;
                     Some(100.0 * (rate / p.bytes.max(1) as f64 - 1.0))
                 };
                 Metric::ALL.into_iter().filter(|_| lossy).filter_map(against).reduce(f64::max)
@@ -132,12 +132,12 @@ pub(super) fn highlights(run: &Run, all: &[Comparison]) -> Vec<(String, String)>
         })
         .collect();
     // The smallest stream that equals the uncompressed model by all metrics, or else by PSNR.
-    let equals = |p: &Coded, metrics: &[Metric]| {
+    let equals = |p: &Record, metrics: &[Metric]| {
         metrics.iter().all(|m| m.of(&p.score) >= m.of(&run.original.score))
     };
     let ours = run.curves.iter().filter(|c| [GSVX, TUNED].contains(&c.name.as_str()));
     let points = ours.flat_map(|c| c.points.iter().map(|p| (p, c.name == TUNED)));
-    let points: Vec<(&Coded, bool)> = points.collect();
+    let points: Vec<(&Record, bool)> = points.collect();
     let smallest = |metrics: &[Metric]| {
         points.iter().filter(|(p, _)| equals(p, metrics)).min_by_key(|(p, _)| p.bytes)
     };
@@ -149,10 +149,10 @@ pub(super) fn highlights(run: &Run, all: &[Comparison]) -> Vec<(String, String)>
             "PSNR, not in SSIM and SSIMULACRA2"
         };
         out.push((
-            format!("{:.0}x", run.original.file_bytes as f64 / p.bytes.max(1) as f64),
+            format!("{:.0}x", run.original.bytes as f64 / p.bytes.max(1) as f64),
             format!(
-                "smaller than the model's PLY and equal to it in {by}: {:.3} MB, {}at quality {:.0}",
-                p.bytes as f64 / 1e6,
+                "smaller than the model's PLY and equal to it in {by}: {} MB, {}at quality {:.0}",
+                p.megabytes(),
                 if tuned { "tuned " } else { "" },
                 p.quality
             ),

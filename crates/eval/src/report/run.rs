@@ -2,14 +2,12 @@
 
 use super::headline;
 use super::sections::{self, UNITS};
-use super::{Block, CropView, Document, NamedChart, Section, megabits};
+use super::{Block, CropView, Document, NamedChart, Section};
 use crate::bd::Point;
-use crate::cells;
 use crate::chart::{Axis, Chart, Series};
 use crate::measure::Metric;
-use crate::page::Table;
-use crate::published::Other;
-use crate::rd_curve::record::{Coded, Curve, Original, Run};
+use crate::page::{Table, number};
+use crate::record::{Curve, Record, Run};
 
 /// Points of others larger than this many times our largest stream are left out of the chart
 /// (the tables have them): raw PLY would squeeze all curves into a corner.
@@ -28,65 +26,39 @@ const WHAT: &str = "gsvx compresses trained 3D Gaussian splatting models. It fol
 const COLUMNS: &str = "curve | quality | bytes | Mbit | bit/Gaussian | PSNR dB | SSIM | SSIMULACRA2 | Gaussians | voxelize s | \
      encode s | decode s | render s";
 
-/// The row of one point.
-fn cells_of(curve: &Curve, p: &Coded) -> Vec<String> {
-    cells![
-        curve.name,
-        p.setting(),
-        p.bytes,
-        megabits(p.bytes),
-        format!("{:.2}", p.bits_per_gaussian()),
-        format!("{:.3}", p.score.psnr_db),
-        format!("{:.4}", p.score.ssim),
-        format!("{:.2}", p.score.ssimulacra2),
-        p.gaussians,
-        curve.voxels_of(p).map_or("-".into(), |v| format!("{:.2}", v.voxelize_seconds)),
-        format!("{:.2}", p.encode_seconds),
-        format!("{:.2}", p.decode_seconds),
-        format!("{:.2}", p.render_seconds),
-    ]
-}
-
 /// The original and all points.
-pub(crate) fn points(original: &Original, curves: &[Curve]) -> Section {
+fn points(run: &Run) -> Section {
     let mut table = Table::new(COLUMNS);
-    table.row(cells![
-        "original PLY",
-        "-",
-        original.file_bytes,
-        megabits(original.file_bytes),
-        format!("{:.2}", original.file_bytes as f64 * 8.0 / original.gaussians.max(1) as f64),
-        format!("{:.3}", original.score.psnr_db),
-        format!("{:.4}", original.score.ssim),
-        format!("{:.2}", original.score.ssimulacra2),
-        original.gaussians,
-        "-",
-        "-",
-        "-",
-        format!("{:.2}", original.render_seconds),
-    ]);
-    for curve in curves.iter().rev() {
-        curve.points.iter().for_each(|p| table.row(cells_of(curve, p)));
+    let mut row = |curve: &str, p: &Record, voxelize: f64, [encode, decode]: [f64; 2]| {
+        let Record { setting, bytes, gaussians, score, .. } = p;
+        let seconds = [voxelize, encode, decode, score.seconds].map(|s| number(s, 2)).join(" | ");
+        let (mbit, bits, scores) = (p.megabits(), p.bits_per_gaussian(), score.cells());
+        table.row(format!(
+            "{curve} | {setting} | {bytes} | {mbit} | {bits:.2} | {scores} | {gaussians} | {seconds}"
+        ));
+    };
+    row("original PLY", &run.original, f64::NAN, [f64::NAN; 2]);
+    for curve in run.curves.iter().rev() {
+        for p in &curve.points {
+            let voxels = curve.voxelized.iter().find(|v| v.name == p.voxels);
+            let voxelize = voxels.map_or(f64::NAN, |v| v.voxelize_seconds);
+            row(&curve.name, p, voxelize, [p.encode.wall, p.decode_seconds]);
+        }
     }
     Section::open("Points", vec![Block::Text(UNITS.into()), Block::Table(table)])
 }
 
 /// Our curves, the last first, and those of others as far as they are not much larger.
-pub(crate) fn curves_and_others(
-    title: String,
-    curves: &[Curve],
-    others: &[Other],
-    (metric, original): (Metric, f64),
-) -> Chart {
+pub(crate) fn curves_and_others(title: String, run: &Run, metric: Metric) -> Chart {
     let line = |curve: &Curve| {
         let mut points = curve.rates(metric);
         points.sort_by(|a, b| a.rate.total_cmp(&b.rate));
         Series::ours(&curve.name, points.into_iter().map(Point::in_mb).collect())
     };
-    let mut all: Vec<Series> = curves.iter().rev().map(line).collect();
+    let mut all: Vec<Series> = run.curves.iter().rev().map(line).collect();
     let largest = all.iter().flat_map(|s| &s.points).map(|p| p.0).fold(0.0, f64::max);
-    all.extend(sections::other_series(others, metric, WIDEST * largest));
-    chart(title, all, (metric, original))
+    all.extend(sections::other_series(&run.others, metric, WIDEST * largest));
+    chart(title, all, (metric, metric.of(&run.original.score)))
 }
 
 /// A score over size.
@@ -105,8 +77,8 @@ pub(crate) fn chart(
 /// The report, with crops of the views where they are at hand.
 pub(crate) fn document(run: &Run, views: Vec<CropView>) -> Document {
     let o = &run.original;
-    let invalid = if o.invalid > 0 {
-        format!(" ({} invalid ones left out)", o.invalid)
+    let invalid = if run.invalid > 0 {
+        format!(" ({} invalid ones left out)", run.invalid)
     } else {
         String::new()
     };
@@ -121,8 +93,8 @@ pub(crate) fn document(run: &Run, views: Vec<CropView>) -> Document {
         run.held_out,
         run.measured,
         o.gaussians,
-        o.sh_degree,
-        o.file_bytes as f64 / 1e6,
+        run.sh_degree,
+        o.bytes as f64 / 1e6,
         o.score.psnr_db,
         o.score.ssim,
         o.score.ssimulacra2
@@ -130,13 +102,12 @@ pub(crate) fn document(run: &Run, views: Vec<CropView>) -> Document {
     let charts = Metric::ALL.map(|metric| {
         let name = metric.name();
         let title = format!("{}: {name} over size, {} held-out views", run.scene, run.measured);
-        let original = (metric, metric.of(&o.score));
         let stem = if metric == Metric::Psnr {
             "rd".into()
         } else {
             format!("rd-{}", name.to_lowercase())
         };
-        let chart = curves_and_others(title, &run.curves, &run.others, original);
+        let chart = curves_and_others(title, run, metric);
         NamedChart { name, chart, stem }
     });
     let curves = run.curves.iter().rev().map(|c| format!("`{}`: {}", c.name, c.what)).collect();
@@ -146,14 +117,14 @@ pub(crate) fn document(run: &Run, views: Vec<CropView>) -> Document {
             vec![Block::Text(TERMS.into()), Block::List(curves), Block::Charts(charts.into())],
         ),
         pictures(views),
-        points(o, &run.curves),
+        points(run),
         sections::differences("Curves against each other (Bjontegaard differences)", &run.bd),
         sections::others(&run.others),
         voxelizations(run),
         spent(run),
         per_view(run),
+        sections::provenance(run),
     ];
-    sections.push(sections::provenance(&run.manifest, run.skipped, run.stages));
     sections.retain(|s| !s.blocks.is_empty());
     Document {
         title: headline::title(&run.scene, &comparisons),
@@ -179,17 +150,16 @@ fn voxelizations(run: &Run) -> Section {
             let depths = (0..).zip(&v.depth_histogram).filter(|&(_, &n)| n > 0);
             let depths: Vec<String> =
                 depths.map(|(d, n): (usize, _)| format!("{d}: {n}")).collect();
-            table.row(cells![
-                format!("{}, {}", curve.name, v.what),
+            table.row(format!(
+                "{}, {} | {} | {kept:.1} % | {} | {:.2} | {:.2} | {}",
+                curve.name,
+                v.what,
                 v.gaussians,
-                format!("{kept:.1} %"),
-                format!("{:.3}", v.score.psnr_db),
-                format!("{:.4}", v.score.ssim),
-                format!("{:.2}", v.score.ssimulacra2),
-                format!("{:.2}", v.voxelize_seconds),
-                format!("{:.2}", v.render_seconds),
+                v.score.cells(),
+                v.voxelize_seconds,
+                v.score.seconds,
                 depths.join(", "),
-            ]);
+            ));
         }
     }
     Section::folded("Voxelizations", vec![Block::Text(text), Block::Table(table)])
@@ -203,15 +173,15 @@ fn spent(run: &Run) -> Section {
             names.push(name);
         }
     }
-    let mut table = Table::new(&format!("curve | quality | {}", names.join(" | ")));
+    let mut table = Table::new(format!("curve | quality | {}", names.join(" | ")));
     for curve in &run.curves {
         for p in &curve.points {
-            let mut row = cells![curve.name, p.setting()];
-            row.extend(names.iter().map(|name| {
+            let bytes = names.iter().map(|name| {
                 let part = p.parts.iter().find(|(n, _)| n == name);
                 part.map_or("-".into(), |(_, bytes)| bytes.to_string())
-            }));
-            table.row(row);
+            });
+            let bytes: Vec<String> = bytes.collect();
+            table.row(format!("{} | {} | {}", curve.name, p.setting, bytes.join(" | ")));
         }
     }
     Section::folded("What the bytes are spent on", vec![Block::Table(table)])
@@ -219,20 +189,18 @@ fn spent(run: &Run) -> Section {
 
 fn per_view(run: &Run) -> Section {
     let mut header = "view | original dB".to_owned();
-    let ends = run.curves.last().map(|c| (c, [c.points.first(), c.points.last()]));
-    let mut chosen: Vec<&Coded> = Vec::new();
-    if let Some((curve, ends)) = ends {
-        for p in ends.into_iter().flatten() {
+    let mut chosen: Vec<&Record> = Vec::new();
+    if let Some(curve) = run.curves.last() {
+        chosen.extend([curve.points.first(), curve.points.last()].into_iter().flatten());
+        for p in &chosen {
             header += &format!(" | {}, quality {:.0}, dB", curve.name, p.quality);
-            chosen.push(p);
         }
     }
     let mut table = Table::new(&header);
     for (i, view) in run.original.score.views.iter().enumerate() {
-        let mut row = cells![view.view, format!("{:.3}", view.psnr_db)];
-        let db = |p: &&Coded| p.score.views.get(i).map(|v| format!("{:.3}", v.psnr_db));
-        row.extend(chosen.iter().map(|p| db(p).unwrap_or("-".into())));
-        table.row(row);
+        let db = chosen.iter().map(|p| number(p.score.views.get(i).map(|v| v.psnr_db), 3));
+        let db: Vec<String> = [number(view.psnr_db, 3)].into_iter().chain(db).collect();
+        table.row(format!("{} | {}", view.view, db.join(" | ")));
     }
     Section::folded("Views", vec![Block::Table(table)])
 }

@@ -1,21 +1,23 @@
 //! Parts of a report that show curves of others and differences of curves.
 
-use super::{Block, Section, megabits};
+use super::{Block, Section};
 use crate::bd::{self, Point};
-use crate::cells;
 use crate::chart::{LineKind, Series};
 use crate::measure::Metric;
 use crate::page::{Table, signed};
-use crate::published::{Other, PAPER_CHAIN};
-use crate::rd_curve::record::{Bd, Curve};
+use crate::published::PAPER_CHAIN;
+use crate::record::{Bd, Curve, Record, Run};
 
-/// Bjontegaard differences of the hull of our curve against that of another.
-pub(crate) fn compare(test: &Curve, anchor: &str, rates: impl Fn(Metric) -> Vec<Point>) -> Bd {
+/// Bjontegaard differences of the hull of a curve against that of another.
+pub(crate) fn compare(test: &Curve, anchor: &Curve) -> Bd {
+    let by = |metric, compare: fn(&[Point], &[Point]) -> Option<f64>| {
+        compare(&anchor.rates(metric), &test.rates(metric))
+    };
     Bd {
         test: test.name.clone(),
-        anchor: anchor.to_owned(),
-        rates: Metric::ALL.map(|metric| bd::bd_rate(&rates(metric), &test.rates(metric))),
-        psnr: bd::bd_score(&rates(Metric::Psnr), &test.rates(Metric::Psnr)),
+        anchor: anchor.name.clone(),
+        rates: Metric::ALL.map(|metric| by(metric, bd::bd_rate)),
+        psnr: by(Metric::Psnr, bd::bd_score),
     }
 }
 
@@ -26,7 +28,12 @@ pub(crate) fn differences(title: &str, all: &[Bd]) -> Section {
     );
     for bd in all {
         let [a, b, c] = bd.rates.map(|rate| signed(rate, 2, ""));
-        table.row(cells![bd.test, bd.anchor, a, b, c, signed(bd.psnr, 2, "")]);
+        table.row(format!(
+            "{} | {} | {a} | {b} | {c} | {}",
+            bd.test,
+            bd.anchor,
+            signed(bd.psnr, 2, "")
+        ));
     }
     Section::open(title, vec![Block::Text(BD_TEXT.into()), Block::Table(table)])
 }
@@ -56,7 +63,7 @@ const PUBLISHED_NOTE: &str = "Published points are of another training of these 
      fine-tuned means without coding them, so its points are optimistic.";
 
 /// Others as lines of a chart, in MB, up to `widest` MB.
-pub(crate) fn other_series(others: &[Other], metric: Metric, widest: f64) -> Vec<Series> {
+pub(crate) fn other_series(others: &[Curve], metric: Metric, widest: f64) -> Vec<Series> {
     let mut out = Vec::new();
     for other in others {
         let mut points = other.rates(metric);
@@ -81,33 +88,27 @@ pub(crate) fn other_series(others: &[Other], metric: Metric, widest: f64) -> Vec
 }
 
 /// Points of others as a table.
-fn others_table(others: &[Other]) -> Table {
+fn others_table(others: &[Curve]) -> Table {
     let mut table = Table::new("codec | settings | bytes | Mbit | PSNR dB | SSIM | SSIMULACRA2");
     for other in others {
-        let mut points = other.points.clone();
+        let mut points: Vec<&Record> = other.points.iter().collect();
         points.sort_by_key(|p| p.bytes);
         for p in points {
-            table.row(cells![
-                other.name,
-                p.label,
-                p.bytes,
-                megabits(p.bytes),
-                format!("{:.3}", p.psnr_db),
-                p.ssim.map_or("-".into(), |s| format!("{s:.4}")),
-                p.ssimulacra2.map_or("-".into(), |s| format!("{s:.2}")),
-            ]);
+            let Record { setting, bytes, score, .. } = p;
+            let (name, mbit, scores) = (&other.name, p.megabits(), score.cells());
+            table.row(format!("{name} | {setting} | {bytes} | {mbit} | {scores}"));
         }
     }
     table
 }
 
 /// The others' points; nothing without others.
-pub(crate) fn others(others: &[Other]) -> Section {
+pub(crate) fn others(others: &[Curve]) -> Section {
     let mut blocks = Vec::new();
     if others.iter().any(|o| o.name == PAPER_CHAIN) {
         blocks.push(Block::Text(RECORDED_NOTE.into()));
     }
-    if others.iter().any(Other::is_published) {
+    if others.iter().any(Curve::is_published) {
         blocks.push(Block::Text(PUBLISHED_NOTE.into()));
     }
     if !others.is_empty() {
@@ -117,13 +118,10 @@ pub(crate) fn others(others: &[Other]) -> Section {
 }
 
 /// Provenance of a run, and how many of its stages were already done.
-pub(crate) fn provenance(
-    manifest: &[(&'static str, String)],
-    skipped: usize,
-    stages: usize,
-) -> Section {
+pub(crate) fn provenance(run: &Run) -> Section {
     let mut items: Vec<String> =
-        manifest.iter().map(|(name, value)| format!("{name}: `{value}`")).collect();
+        run.manifest.iter().map(|(name, value)| format!("{name}: `{value}`")).collect();
+    let [skipped, stages] = run.stages;
     if stages > 0 {
         items.push(format!(
             "{skipped} of {stages} stages were already done for the same inputs, settings and program and were \

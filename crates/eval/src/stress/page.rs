@@ -3,7 +3,6 @@
 use std::time::Duration;
 
 use super::{Run, StressOptions};
-use crate::cells;
 use crate::page::{Page, Table};
 
 /// One attribute over all accepted runs.
@@ -50,7 +49,7 @@ pub(super) fn page(args: &StressOptions, runs: &[Run], elapsed: Duration) -> Pag
         let (median, (worst, input, mode)) = (ratios[ratios.len() / 2].0, ratios[ratios.len() - 1]);
         let place = if worst > 0.0 { format!("{input}, {mode}") } else { "-".into() };
         let [median, worst] = [median, worst].map(|r| format!("{r:.2}"));
-        table.row(cells![name, ratios.len(), median, worst, place]);
+        table.row(format!("{name} | {} | {median} | {worst} | {place}", ratios.len()));
     }
     page.table(&table);
     let mut everywhere = Vec::new();
@@ -64,7 +63,7 @@ pub(super) fn page(args: &StressOptions, runs: &[Run], elapsed: Duration) -> Pag
             continue;
         }
         let parts = if parts.is_empty() { "-".into() } else { parts.join(", ") };
-        table.row(cells![of[0].input, format!("{accepted} of {}", of.len()), parts]);
+        table.row(format!("{} | {accepted} of {} | {parts}", of[0].input, of.len()));
     }
     page.text(format!("Inputs that every mode accepts: {}. Others:", everywhere.join("; ")));
     page.table(&table);

@@ -10,9 +10,8 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result};
 use finetune::Adapter;
 
-use crate::cells;
 use crate::page::{Page, Table};
-use crate::process::{self, GsvxCommand};
+use crate::process::{self, GsvxCommand, Usage};
 use crate::{manifest, scenes};
 use steps::{Figures, Shot};
 
@@ -103,18 +102,21 @@ fn by_size(options: &GpuOptions, clock: &Clock, shot: &dyn Fn(usize) -> Shot) ->
         let gaussians = (1e6 * millions) as usize;
         let n = gaussians.to_string();
         let words = ["bench-gpu", "--side", &side, "--gaussians", &n];
-        let done = process::own(&words).and_then(|mut own| process::run(&mut own, clock.left()));
+        let done = process::own_path()
+            .and_then(|own| process::run(Command::new(own).args(words), clock.left()));
         let row = match done.and_then(|done| done.json::<Figures>()) {
-            Ok(f) => cells![
-                gaussians,
-                format!("{:.2}", f.steps_per_second),
-                format!("{:.2}", f.cpu_steps_per_second),
-                format!("{:.0e} / {:.0e}", f.loss_apart, f.by_order[0]),
-                format!("{:.0e} / {:.0e}", f.moments_apart, f.by_order[1]),
-                format!("{:.0}", f.device_mb),
+            Ok(f) => format!(
+                "{gaussians} | {:.2} | {:.2} | {:.0e} / {:.0e} | {:.0e} / {:.0e} | {:.0} | {}",
+                f.steps_per_second,
+                f.cpu_steps_per_second,
+                f.loss_apart,
+                f.by_order[0],
+                f.moments_apart,
+                f.by_order[1],
+                f.device_mb,
                 gsplat(shot(gaussians), clock),
-            ],
-            Err(e) => cells![gaussians, format!("left out: {e:#}"), "-", "-", "-", "-", "-"],
+            ),
+            Err(e) => format!("{gaussians} | left out: {e:#} | - | - | - | - | -"),
         };
         table.told(row);
     }
@@ -145,14 +147,11 @@ fn whole_tune(options: &GpuOptions, clock: &Clock, gsvx: Option<&GsvxCommand>) -
         let gsvx = gsvx.context("the command refuses a software adapter")?;
         let found = scenes::find(scene)?;
         let dir = tempfile::tempdir()?;
-        let mut command = Command::new(gsvx.path());
-        command.args(["--json", "tune"]).arg(&found.dataset.model_path).arg("--cameras");
-        command
-            .arg(&found.dataset.dir)
-            .args(["--backend", backend, "-o"])
-            .arg(dir.path().join("s.gsvx"));
-        let done = process::run(&mut command, clock.left())?;
-        Ok(format!("{:.0} s, {:.0} MB of the host's memory", done.wall, done.peak_mb))
+        let mut command = gsvx.words(["tune"]);
+        command.arg(&found.dataset.model_path).arg("--cameras").arg(&found.dataset.dir);
+        command.args(["--backend", backend, "-o"]).arg(dir.path().join("s.gsvx"));
+        let Usage { wall, peak_mb, .. } = process::run(&mut command, clock.left())?.usage;
+        Ok(format!("{wall:.0} s, {peak_mb:.0} MB of the host's memory"))
     };
     match tuned("gpu").and_then(|gpu| Ok((gpu, tuned("cpu")?))) {
         Ok((gpu, cpu)) => format!(

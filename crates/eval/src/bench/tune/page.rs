@@ -1,26 +1,23 @@
 //! The page and its picture.
 
-use super::{Scene, StreamPoint, TuneBenchOptions, Tuned};
+use super::streams::StreamKind;
+use super::{Scene, TuneBenchOptions};
 use crate::bd;
-use crate::cells;
 use crate::chart::{Chart, Series};
 use crate::measure::Metric;
-use crate::page::{Page, Table, signed};
-use crate::rd_curve::streams::StreamKind;
+use crate::page::{Page, Table, number, signed};
+use crate::record::{Record, rates};
 use crate::report;
 
 /// What the settings are chosen by.
 const CHOICES: &str = include_str!("choices.md");
 
-fn rates(points: &[StreamPoint], metric: Metric) -> Vec<bd::Point> {
-    points.iter().map(|p| p.coded.rate(metric)).collect()
-}
-
 pub(super) fn page(options: &TuneBenchOptions, scenes: &[Scene]) -> Page {
     let names: Vec<&str> = scenes.iter().map(|s| s.name.as_str()).collect();
     let model = |s: &Scene| {
-        let scores = Metric::ALL.map(|m| format!("{} {}", m.name(), m.words(m.of(&s.original))));
-        format!("{}: {} Gaussians, {}", s.name, s.gaussians, scores.join(", "))
+        let scores =
+            Metric::ALL.map(|m| format!("{} {}", m.name(), m.words(m.of(&s.original.score))));
+        format!("{}: {} Gaussians, {}", s.name, s.original.gaussians, scores.join(", "))
     };
     let models: Vec<String> = scenes.iter().map(model).collect();
     let mut page = Page::new(&options.out, "What does tuning save?");
@@ -57,7 +54,7 @@ fn bd_table(scenes: &[Scene]) -> Table {
         [db(hull.first()), db(hull.last())]
     };
     for scene in scenes {
-        for Tuned { how, points } in &scene.tuned {
+        for (how, points) in &scene.tuned {
             let curves = |metric| [&scene.untuned, points].map(|p| bd::hull(&rates(p, metric)));
             let saved = Metric::ALL.map(|metric| {
                 let [anchor, test] = curves(metric);
@@ -67,7 +64,8 @@ fn bd_table(scenes: &[Scene]) -> Table {
             if saved.iter().any(Option::is_some) {
                 let over = format!("{:.2} to {:.2}", a.max(c), b.min(d));
                 let [psnr, ssim, third] = saved.map(|rate| signed(rate, 1, " %"));
-                table.row(cells![scene.name, how.name(), psnr, ssim, third, over]);
+                let (scene, how) = (&scene.name, how.name);
+                table.row(format!("{scene} | {how} | {psnr} | {ssim} | {third} | {over}"));
             }
         }
     }
@@ -82,40 +80,30 @@ fn points_table(scenes: &[Scene]) -> Table {
     );
     let off = |bytes: u64, of: f64| Some(100.0 * (bytes as f64 / of.max(1.0) - 1.0));
     for scene in scenes {
-        let elsewhere: Vec<bd::Point> = scene
-            .untuned_all
-            .iter()
-            .map(|p| bd::Point { rate: p.coded.bytes as f64, score: p.elsewhere_db })
-            .collect();
-        let usual = |t: &&Tuned| matches!(t.how, StreamKind::Tune { distil: false, .. });
-        let runs = scene.tuned.iter().filter(usual);
-        for (how, point) in runs.flat_map(|t| t.points.iter().map(|p| (t.how, p))) {
-            let p = &point.coded;
+        let point = |p: &Record| Some(bd::Point { rate: p.bytes as f64, score: p.elsewhere_db? });
+        let elsewhere: Vec<bd::Point> = scene.untuned_all.iter().filter_map(point).collect();
+        let runs = scene.tuned.iter().filter(|(how, _)| *how != StreamKind::DISTIL);
+        for (how, p) in runs.flat_map(|(how, points)| points.iter().map(|p| (how.name, p))) {
             let [db, ssim, third] = Metric::ALL.map(|metric| {
                 let value = metric.of(&p.score);
-                let bold = if value >= metric.of(&scene.original) { "**" } else { "" };
+                let bold = if value >= metric.of(&scene.original.score) { "**" } else { "" };
                 format!("{bold}{}{bold}", metric.words(value).trim_end_matches(" dB"))
             });
             let against = |metric: Metric| {
                 let rate = bd::rate_at(&rates(&scene.untuned, metric), metric.of(&p.score));
                 signed(rate.and_then(|rate| off(p.bytes, rate)), 1, " %")
             };
-            table.row(cells![
+            let (by_psnr, by_ssim) = (against(Metric::Psnr), against(Metric::Ssim));
+            let untuned = bd::score_at(&elsewhere, p.bytes as f64);
+            let elsewhere = [p.elsewhere_db, untuned].map(|db| number(db, 2));
+            let Record { quality, bytes, encode, .. } = p;
+            table.row(format!(
+                "{} | {how} | {quality} | {bytes} | {db} | {ssim} | {third} | {by_psnr} | {by_ssim} | {} | {:.1} | {:.0}",
                 scene.name,
-                how.name(),
-                p.quality,
-                p.bytes,
-                db,
-                ssim,
-                third,
-                against(Metric::Psnr),
-                against(Metric::Ssim),
-                format!("{:.2}", point.elsewhere_db),
-                bd::score_at(&elsewhere, p.bytes as f64)
-                    .map_or("-".into(), |db| format!("{db:.2}")),
-                format!("{:.1}", point.user_seconds / 60.0),
-                format!("{:.0}", point.peak_mb),
-            ]);
+                elsewhere.join(" | "),
+                encode.user / 60.0,
+                encode.peak_mb,
+            ));
         }
     }
     table
@@ -123,11 +111,11 @@ fn points_table(scenes: &[Scene]) -> Table {
 
 /// All curves of a scene.
 fn chart(scene: &Scene) -> Chart {
-    let series = |name: String, points: &[StreamPoint]| {
+    let series = |name: String, points: &[Record]| {
         Series::ours(name, rates(points, Metric::Psnr).into_iter().map(bd::Point::in_mb).collect())
     };
-    let tuned = scene.tuned.iter().map(|t| series(t.how.name(), &t.points));
+    let tuned = scene.tuned.iter().map(|t| series(t.0.name.into(), &t.1));
     let all = tuned.chain([series("untuned".into(), &scene.untuned)]).collect();
     let title = format!("{}: tuned and untuned, PSNR over size", scene.name);
-    report::run::chart(title, all, (Metric::Psnr, scene.original.psnr_db))
+    report::run::chart(title, all, (Metric::Psnr, scene.original.score.psnr_db))
 }

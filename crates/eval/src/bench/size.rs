@@ -4,15 +4,13 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 
-use super::plan::GSVX;
-use super::record::{Curve, Run};
-use super::study::Study;
-use crate::cells;
-use crate::chart::Chart;
 use crate::measure::Metric;
 use crate::page::{Page, Table, signed};
+use crate::rd_curve::plan::GSVX;
+use crate::rd_curve::{self, CurveOptions};
+use crate::record::{Record, Run};
 use crate::report::headline::in_words;
-use crate::report::run;
+use crate::report::run::curves_and_others;
 
 /// Flags of `cargo xtask bench-size`.
 #[derive(Clone, Debug, clap::Args)]
@@ -32,10 +30,9 @@ pub struct SizeOptions {
 pub fn run(options: &SizeOptions) -> Result<()> {
     let mut runs = Vec::new();
     for scene in &options.scenes {
-        let mut of_scene = super::options::CurveOptions::of(scene)?;
-        of_scene.sights = true;
-        of_scene.finetune = Some(0);
-        runs.push(super::curves(&Study::open(&of_scene)?, &of_scene, &of_scene.qualities()?)?);
+        let mut of_scene = CurveOptions::of(scene)?;
+        (of_scene.sights, of_scene.finetune) = (true, Some(0));
+        runs.push(rd_curve::curves(&of_scene)?);
     }
     let scenes: Vec<&str> = runs.iter().map(|r| r.scene.as_str()).collect();
     let sizes = runs.iter().map(|r| format!("{} {}", r.scene, r.original.gaussians));
@@ -46,7 +43,9 @@ pub fn run(options: &SizeOptions) -> Result<()> {
         scenes.join(" "),
         sizes.collect::<Vec<_>>().join(", "),
     ));
-    page.chart("", chart(runs.first().context("no scene")?));
+    let first = runs.first().context("no scene")?;
+    let title = format!("{}: PSNR over size", first.scene);
+    page.chart("", curves_and_others(title, first, Metric::Psnr));
     page.text(
         "BD-rate of gsvx with cameras, %, by PSNR / SSIM / SSIMULACRA2: by pchip on the hulls of the points. A dash: not \
          recorded, or no common range.",
@@ -62,19 +61,19 @@ pub fn run(options: &SizeOptions) -> Result<()> {
 
 /// What gsvx is compared with, in the order of the first scene that has it.
 fn against(runs: &[Run], scenes: &[&str]) -> Table {
-    let mut table = Table::new(&format!("against | {}", scenes.join(" | ")));
+    let mut table = Table::new(format!("against | {}", scenes.join(" | ")));
     let mut anchors: Vec<&str> = Vec::new();
     for bd in runs.iter().flat_map(|r| &r.bd).filter(|b| b.test == GSVX) {
         if anchors.contains(&bd.anchor.as_str()) {
             continue;
         }
         anchors.push(&bd.anchor);
-        let mut row = cells![in_words(&bd.anchor)];
-        row.extend(runs.iter().map(|run| {
+        let here = runs.iter().map(|run| {
             let found = run.bd.iter().find(|b| b.test == GSVX && b.anchor == bd.anchor);
             found.map_or([None; 3], |b| b.rates).map(|rate| signed(rate, 1, "")).join(" / ")
-        }));
-        table.row(row);
+        });
+        let here: Vec<String> = here.collect();
+        table.row(format!("{} | {}", in_words(&bd.anchor), here.join(" | ")));
     }
     table
 }
@@ -83,22 +82,13 @@ fn against(runs: &[Run], scenes: &[&str]) -> Table {
 fn points(runs: &[Run]) -> Result<Table> {
     let mut table = Table::new("scene | quality | bytes | dB | SSIM | SSIMULACRA2");
     for run in runs {
-        let curve: Option<&Curve> = run.curves.iter().find(|c| c.name == GSVX);
-        for p in &curve.context("the run has no curve of gsvx")?.points {
-            let [db, ssim, third] = Metric::ALL.map(|metric| format!("{:.4}", metric.of(&p.score)));
-            table.row(cells![run.scene, p.setting(), p.bytes, db, ssim, third]);
+        let curve = run.curves.iter().find(|c| c.name == GSVX);
+        for Record { setting, bytes, score, .. } in
+            &curve.context("the run has no curve of gsvx")?.points
+        {
+            let scores = Metric::ALL.map(|metric| format!("{:.4}", metric.of(score)));
+            table.row(format!("{} | {setting} | {bytes} | {}", run.scene, scores.join(" | ")));
         }
     }
     Ok(table)
-}
-
-/// Our curves, gsvx first, and those of others as far as the chart of a report has them.
-fn chart(run: &Run) -> Chart {
-    let title = format!("{}: PSNR over size", run.scene);
-    run::curves_and_others(
-        title,
-        &run.curves,
-        &run.others,
-        (Metric::Psnr, run.original.score.psnr_db),
-    )
 }
