@@ -52,91 +52,58 @@ mod axes;
 #[cfg(feature = "files")]
 mod bytes;
 #[cfg(feature = "cameras")]
-pub mod camera;
-#[cfg(feature = "cameras")]
-mod camera_json;
-#[cfg(feature = "cameras")]
-mod camera_places;
+mod cameras;
 mod chain;
 mod codec;
-#[cfg(feature = "cameras")]
-pub mod colmap;
-#[cfg(feature = "cameras")]
-pub mod dataset;
 #[cfg(feature = "files")]
 mod doubts;
 #[cfg(feature = "files")]
 pub mod error;
 #[cfg(feature = "files")]
-mod foreign;
-#[cfg(feature = "files")]
-mod format;
-#[cfg(feature = "files")]
 mod formats;
 #[cfg(feature = "files")]
 mod fs;
-#[cfg(feature = "formats")]
-pub mod gltf;
-#[cfg(feature = "cameras")]
-pub mod inria;
-#[cfg(feature = "formats")]
-mod ksplat;
 #[cfg(feature = "layouts")]
 pub mod layout;
-#[cfg(feature = "cameras")]
-pub mod lens;
 #[cfg(feature = "files")]
 mod limits;
 pub mod math;
 #[cfg(feature = "files")]
 pub mod model;
-#[cfg(feature = "cameras")]
-pub mod nerf;
-#[cfg(feature = "cameras")]
-mod nerfstudio;
 #[cfg(feature = "files")]
 mod order;
-#[cfg(feature = "cameras")]
-mod photos;
-#[cfg(feature = "cameras")]
-mod pinholes;
-#[cfg(feature = "files")]
-pub mod ply;
 #[cfg(feature = "files")]
 mod report;
 #[cfg(feature = "files")]
 mod rows;
 pub mod scene;
-#[cfg(feature = "sog")]
-mod sog;
-#[cfg(feature = "formats")]
-mod splat;
-#[cfg(feature = "formats")]
-pub mod spz;
 #[cfg(feature = "files")]
 pub mod validate;
 
 pub use axes::Axes;
 #[cfg(feature = "cameras")]
-pub use camera::{Camera, NEAR, View};
+pub use cameras::{
+    camera::{self, Camera, NEAR, View},
+    colmap,
+    dataset::{self, CameraSet, Dataset},
+    inria, lens, nerf,
+    photos::{photos_beside, unread_photos_beside},
+    pinholes::{pinholes, refuse_wide, too_wide},
+};
 pub use chain::{chain, printable};
 pub use codec::Codec;
-#[cfg(feature = "cameras")]
-pub use dataset::{CameraSet, Dataset};
 #[cfg(feature = "files")]
 pub use doubts::Doubts;
 #[cfg(feature = "files")]
 pub use error::{Error, Result};
 #[cfg(feature = "files")]
-pub use format::Format;
+pub use formats::{Format, ply};
+#[cfg(feature = "formats")]
+pub use formats::{gltf, spz};
 #[cfg(feature = "files")]
 pub use limits::{CLAMPED_OPACITY_LOGIT, Limits, is_point};
 #[cfg(feature = "files")]
 pub use order::morton_order;
-#[cfg(feature = "cameras")]
-pub use photos::{photos_beside, unread_photos_beside};
-#[cfg(feature = "cameras")]
-pub use pinholes::{pinholes, refuse_wide, too_wide};
 #[cfg(feature = "files")]
 pub use report::{FileAxes, Invalid, ReadOptions, Report};
 pub use scene::{LEAST_DRAWN_LOGIT, SH_C0, Scene, sh_len};

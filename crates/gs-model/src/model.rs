@@ -4,10 +4,11 @@ use std::io::Read;
 use std::path::Path;
 
 use crate::error::{Error, Result};
-use crate::format::Format;
+use crate::formats::Format;
+use crate::formats::{foreign, ply};
+use crate::fs;
 use crate::report::{ReadOptions, Report};
 use crate::scene::Scene;
-use crate::{foreign, fs, ply};
 
 /// Reads a model of the format that its first bytes or its name say ([`Format::of`]).
 ///
