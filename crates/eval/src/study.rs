@@ -30,7 +30,7 @@ pub(crate) struct Study {
     /// Training photos, read when a fine-tune first needs them.
     photos: OnceCell<Vec<TrainView>>,
     /// What each Gaussian contributes to the training views, and the seconds to find it.
-    saliency: OnceCell<(Option<Vec<f32>>, f64)>,
+    importance: OnceCell<(Option<Vec<f32>>, f64)>,
 }
 
 /// A stream.
@@ -93,8 +93,8 @@ impl Study {
             test.held_out.len(),
             dataset.held_out().len()
         );
-        let (photos, saliency) = (OnceCell::new(), OnceCell::new());
-        Ok(Self { test, out, cache, hashes, fresh, photos, saliency })
+        let (photos, importance) = (OnceCell::new(), OnceCell::new());
+        Ok(Self { test, out, cache, hashes, fresh, photos, importance })
     }
 
     /// Records of what another program makes of the scene.
@@ -120,9 +120,9 @@ impl Study {
     /// What each Gaussian of the model contributes to the training views, and the seconds to find
     /// it. None without training cameras: the codec then has its own estimate.
     pub(crate) fn importance(&self) -> &(Option<Vec<f32>>, f64) {
-        self.saliency.get_or_init(|| {
+        self.importance.get_or_init(|| {
             let TestScene { model, training, .. } = &self.test;
-            let seen = || finetune::saliency(model, training).squared;
+            let seen = || finetune::Visibility::of_all(model, training).squared;
             timed(|| (!training.is_empty()).then(seen))
         })
     }

@@ -2,7 +2,7 @@
 
 use gs_model::{Camera, Scene};
 
-/// Most cameras that importances are measured from. With more, as many evenly chosen ones stand for all.
+/// Most cameras that visibility is measured from. With more, as many evenly chosen ones stand for all.
 pub const MOST: usize = 256;
 
 /// A Gaussian ends where its opacity is below 1/255: at most so many standard deviations from its mean.
@@ -58,7 +58,7 @@ pub fn that_see<'a>(scene: &Scene, cameras: &'a [Camera]) -> (Vec<&'a Camera>, f
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::saliency::saliency;
+    use crate::visibility::Visibility;
 
     fn cameras(n: usize) -> Vec<Camera> {
         let mut rng = testing::Rng::seeded(4);
@@ -79,7 +79,8 @@ mod tests {
             cameras.iter().partition(|c| ball.meets(c));
         assert!(meeting.len() > 20 && left.len() > 20, "{} {}", meeting.len(), left.len());
         for camera in left {
-            assert!(saliency(&scene, std::slice::from_ref(camera)).total.iter().all(|&w| w == 0.0));
+            let seen = Visibility::of_all(&scene, std::slice::from_ref(camera));
+            assert!(seen.total.iter().all(|&w| w == 0.0));
         }
     }
 

@@ -1,6 +1,6 @@
 //! A deterministic, differentiable rasterizer of 3D Gaussians, with losses, metrics and an optimiser.
 //!
-//! - [`render`] draws a scene, [`metrics`] compares images, [`saliency`] measures how much each
+//! - [`render`] draws a scene, [`metrics`] compares images, [`Visibility`] measures how much each
 //!   Gaussian contributes to a set of views.
 //! - [`framing`] finds cameras for a scene that has none; [`estimate_loss`] tells how alike two versions of a scene
 //!   look.
@@ -53,7 +53,6 @@
 
 pub mod backend;
 mod backward;
-mod camera_check;
 mod error;
 mod forward;
 pub mod framing;
@@ -68,16 +67,16 @@ pub mod metrics;
 pub mod optimiser;
 mod options;
 mod photo_check;
-mod saliency;
+mod references;
 #[cfg(feature = "gpu")]
 mod shaders;
 mod shuffle;
 mod stages;
 mod train_view;
 mod view_gradients;
+mod visibility;
 
 pub use backend::{Backend, BackendReport};
-pub use camera_check::{MISFIT_CAUSES, References, Visibility, seen_opacity_share};
 pub use error::{Error, Result};
 pub use forward::render;
 pub use frustum::{MOST as MOST_CAMERAS, that_see};
@@ -87,9 +86,10 @@ pub use image::{Image, Photo};
 pub use likeness::{Likeness, LossEstimate, doubted_loss, estimate_loss};
 pub use options::{LearningRates, Loss, Profile, RenderOptions};
 pub use photo_check::PhotoCheck;
-pub use saliency::{Saliency, saliency};
+pub use references::References;
 pub use stages::loss::ViewLoss;
 pub use stages::project_adjoint::ParameterGradient;
-pub use stages::removal::{Worth, worth};
+pub use stages::removal::{Removal, removal};
 pub use train_view::{TrainView, check_cameras, check_views};
 pub use view_gradients::ViewGradients;
+pub use visibility::{MISFIT_CAUSES, Visibility, doubt_about_share};

@@ -1,9 +1,9 @@
-//! An encoder deleted scenes that its cameras did not show, and a fine-tune accepted photos of another
-//! scene. [`seen_opacity_share`] and [`PhotoCheck`] detect both.
+//! Cameras that do not show a scene, and photos of another scene, are detected by [`Visibility::share`] and
+//! [`PhotoCheck`].
 
 mod common;
 
-use finetune::{Photo, PhotoCheck, TrainView, saliency, seen_opacity_share};
+use finetune::{Photo, PhotoCheck, TrainView, Visibility};
 use gs_model::{Camera, Scene};
 
 /// Cameras around the middle of [`common::scene`].
@@ -23,7 +23,7 @@ fn views(scene: &Scene, cameras: Vec<Camera>) -> Vec<TrainView> {
 #[test]
 fn cameras_that_do_not_show_the_scene_are_detected() {
     let scene = common::scene(400, 0, 21);
-    let share = |cameras: &[Camera]| seen_opacity_share(&scene, &saliency(&scene, cameras).total);
+    let share = |cameras: &[Camera]| Visibility::of_all(&scene, cameras).share(&scene);
     let all_around = share(&cameras(8));
     assert!(all_around > 0.9, "{all_around}");
     // Of another scene, far away.
@@ -44,12 +44,14 @@ fn the_share_is_weighted_by_opacity() {
     // Opacities 1/2, 1/4, 1/4 and 0.
     let logit = libm::logf(1.0 / 3.0);
     scene.opacity_logits = vec![0.0, logit, logit, -80.0];
-    let share = |weights: &[f32]| seen_opacity_share(&scene, weights);
+    let share = |weights: &[f32]| {
+        Visibility { squared: weights.to_vec(), ..Visibility::default() }.share(&scene)
+    };
     assert!((share(&[0.1, 0.0, 0.0, 0.0]) - 0.5).abs() < 1e-6);
     assert!((share(&[0.0, 3.0, 0.0, 0.0]) - 0.25).abs() < 1e-6);
     assert!((share(&[0.0, 3.0]) - 0.25).abs() < 1e-6, "missing weights count as unseen");
     assert!((share(&[1.0; 4]) - 1.0).abs() < 1e-6);
-    assert_eq!(seen_opacity_share(&Scene::default(), &[]), 1.0);
+    assert_eq!(Visibility::default().share(&Scene::default()), 1.0);
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 mod common;
 
-use finetune::{RenderOptions, render, saliency};
+use finetune::{RenderOptions, Visibility, render};
 use gs_model::Scene;
 
 fn cameras() -> Vec<gs_model::Camera> {
@@ -32,7 +32,7 @@ fn crowded() -> Scene {
 #[test]
 fn gaussians_without_weight_can_be_dropped() {
     let (scene, cameras) = (crowded(), cameras());
-    let weights = saliency(&scene, &cameras).total;
+    let weights = Visibility::of_all(&scene, &cameras).total;
     let kept: Vec<usize> = (0..scene.len()).filter(|&i| weights[i] > 0.0).collect();
     assert!(kept.len() < 300 && kept.len() > 100, "{}", kept.len());
     let less = scene.select(&kept);
@@ -41,15 +41,16 @@ fn gaussians_without_weight_can_be_dropped() {
         assert_eq!(render(&scene, camera, &options), render(&less, camera, &options));
     }
     // The weights of the others stay the same.
-    let again = saliency(&less, &cameras).total;
+    let again = Visibility::of_all(&less, &cameras).total;
     assert!(kept.iter().zip(&again).all(|(&i, w)| weights[i].to_bits() == w.to_bits()));
 }
 
 #[test]
-fn saliency_adds_the_views_up() {
+fn visibility_adds_the_views_up() {
     let (scene, cameras) = (crowded(), cameras());
-    let all = saliency(&scene, &cameras);
-    let each: Vec<_> = cameras.iter().map(|c| saliency(&scene, std::slice::from_ref(c))).collect();
+    let all = Visibility::of_all(&scene, &cameras);
+    let each: Vec<_> =
+        cameras.iter().map(|c| Visibility::of_all(&scene, std::slice::from_ref(c))).collect();
     for i in 0..scene.len() {
         assert_eq!(all.total[i], each[0].total[i] + each[1].total[i] + each[2].total[i]);
         assert_eq!(all.squared[i], each[0].squared[i] + each[1].squared[i] + each[2].squared[i]);

@@ -45,7 +45,7 @@ pub(crate) fn encode(
         Some(EncodeOptions { max_bytes: 0, quality }) => Aim::Quality(*quality),
         Some(options) => Aim::Bytes(options.max_bytes),
     };
-    let made = Encoder::new(aim).encode(&scene)?;
+    let made = Encoder::new(aim).encode(&scene, None)?;
     if let Some(missed) = made.missed {
         return Err(Error::Missed(missed));
     }

@@ -3,8 +3,9 @@
 use crate::input::Reading;
 use crate::size;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
-use gsvx::{Aim, DEFAULT_QUALITY, EncodeOptions, Encoder, Preset};
+use gsvx::{DEFAULT_QUALITY, EncodeOptions, Preset, Steps};
 use std::path::PathBuf;
+use tune::Layout;
 
 /// Heading of what changes the scene.
 pub(crate) const CONTENT: &str = "What is kept";
@@ -101,28 +102,20 @@ impl Content {
         preset.or(self.quality).unwrap_or(DEFAULT_QUALITY)
     }
 
-    /// The highest SH degree that is kept.
-    pub(crate) fn max_sh_degree(&self) -> u8 {
-        self.max_sh_degree
-    }
-
-    /// An encoder that keeps this.
-    pub(crate) fn encoder<'a>(&self, aim: Aim<'a>) -> Encoder<'a> {
-        let mut encoder = Encoder::new(aim);
-        encoder.options.max_sh_degree = self.max_sh_degree;
-        encoder.options.drop_unseen = self.drop_unseen;
-        encoder.options.lod = self.lod;
-        if self.web {
-            encoder.options.for_web();
-        }
-        encoder
+    /// What an encoder keeps, and the layout of its stream.
+    pub(crate) fn options(&self) -> EncodeOptions {
+        let code = Layout::of(self.web, self.lod).code();
+        let mut options = EncodeOptions { code, ..EncodeOptions::default() };
+        options.code.max_sh_degree = self.max_sh_degree;
+        options.prepare.drop_unseen = self.drop_unseen;
+        options
     }
 }
 
 /// A quality on the command line.
 pub(crate) fn quality(text: &str) -> Result<f32, String> {
     let value = text.parse().map_err(|_| "use a number from 0 to 100".to_owned())?;
-    EncodeOptions::from_quality(value).map_err(|e| e.to_string())?;
+    Steps::of_quality(value).map_err(|e| e.to_string())?;
     Ok(value)
 }
 

@@ -10,23 +10,20 @@ use crate::join::{self, ScenePart};
 use crate::output::{Output, counted};
 use crate::progress::Meter;
 use crate::report::Reporter;
-use crate::views::{Origin, Placed};
+use crate::views::Origin;
 use crate::{loss, max_error, photos, scale, size, views};
-use anyhow::{Context, Result};
-use finetune::{LossEstimate, References};
+use anyhow::{Context, Result, bail};
 use gs_model::{Camera, Format, Scene, chain};
-use gsvx::importance::with_unseen;
 use gsvx::{
-    Aim, Choices, EncodeProgress, EncodeWarning, Encoder, LEFT_OUT, Leaves, Made, MaxError,
+    Aim, Choices, EncodeOptions, EncodeProgress, EncodeWarning, EncoderOutput, Leaves, MaxError,
     Measure, Missed,
 };
 use indicatif::DecimalBytes;
 use serde_json::{Value, json};
-use std::convert::Infallible;
 use std::ops::ControlFlow;
 use std::path::Path;
 use std::time::Instant;
-use tune::Judged;
+use tune::{EncodeEvent, EncodeOutcome, EncodeRecipe, VisibilityCount};
 
 pub(crate) const MORE: &str = "gsvx encode --help shows all flags, and examples.";
 
@@ -120,41 +117,32 @@ impl EncodeArgs {
         self.target_mbit.map(|mbit| (mbit * 1e6 / 8.0) as u64).or(self.target_bytes)
     }
 
-    /// What its renders are measured by, and the value that they shall reach.
-    fn likeness(&self) -> Option<(Measure, f64)> {
-        let psnr = self.target_psnr.map(|target| (Measure::Psnr, target));
-        psnr.or(self.target_ssimulacra2.map(|target| (Measure::Ssimulacra2, target)))
-    }
-
-    /// What the stream aims for; `alike` is [`Self::likeness`] as an aim.
-    fn aim<'a>(&self, alike: Option<Aim<'a>>) -> Aim<'a> {
-        match (self.most_bytes(), alike, self.max_error) {
-            _ if self.lossless => Aim::Lossless,
-            (Some(bytes), ..) => Aim::Bytes(bytes),
-            (_, Some(alike), _) => alike,
-            (.., Some(bounds)) => Aim::MaxError(bounds),
-            _ => Aim::Quality(self.scene.content.quality()),
+    /// What the stream aims for.
+    fn aim(&self) -> Aim {
+        let alike =
+            |measure, target: Option<f64>| target.map(|target| Aim::Alike { measure, target });
+        let psnr = alike(Measure::Psnr, self.target_psnr);
+        let alike = psnr.or(alike(Measure::Ssimulacra2, self.target_ssimulacra2));
+        let other =
+            self.most_bytes().map(Aim::Bytes).or(alike).or(self.max_error.map(Aim::MaxError));
+        match self.lossless {
+            true => Aim::Lossless,
+            false => other.unwrap_or(Aim::Quality(self.scene.content.quality())),
         }
     }
 
-    /// An encoder that does what the flags ask for.
-    fn encoder<'a>(&self, aim: Aim<'a>) -> Encoder<'a> {
-        let mut encoder = self.scene.content.encoder(aim);
-        encoder.options.prune = self.prune;
-        encoder.options.leaves = match (self.depth, self.j_low) {
-            (Some(depth), Some(j_low)) => Leaves::Paper { j_low: j_low.min(depth), j_high: depth },
-            (Some(depth), None) => Leaves::Uniform { depth },
-            _ => Leaves::RateDistortion,
-        };
-        encoder
+    /// What is kept, and the layout of the stream.
+    fn options(&self) -> EncodeOptions {
+        let mut options = self.scene.content.options();
+        options.prepare.prune = self.prune;
+        options.prepare.leaves = Leaves::of_depths(self.depth, self.j_low);
+        options
     }
 
     /// The choices of a scene larger than memory, where the flags go with that.
     fn choices(&self) -> gsvx::Result<Choices> {
-        let value = Box::new(|_: &Scene| f64::NAN);
-        let alike = |(measure, target)| Aim::Alike { measure, target, value };
-        self.encoder(self.aim(self.likeness().map(alike)))
-            .choices(self.scene.content.cameras.is_some())
+        let by_cameras = self.scene.content.cameras.is_some();
+        Choices::of(self.aim(), &self.options(), by_cameras)
     }
 }
 
@@ -217,9 +205,9 @@ fn encode_file(args: &EncodeArgs, job: &Job, report: Reporter) -> Result<()> {
     let input_gaussians = scene.len();
     let read_seconds = start.elapsed().as_secs_f64();
     let step = Instant::now();
-    let done = encoded(args, &name, scene)?;
-    let encode_seconds = step.elapsed().as_secs_f64() - done.estimate_seconds;
-    let Made { encoded, warnings, .. } = &done.made;
+    let (outcome, cameras) = encoded(args, &name, scene)?;
+    let encode_seconds = step.elapsed().as_secs_f64() - outcome.estimate_seconds;
+    let EncoderOutput { encoded, warnings, missed: why, .. } = &outcome.output;
     let written = output.write(|out| Ok(out.write_all(&encoded.bytes)?))?;
     let (bytes, gaussians) = (written.bytes, encoded.index.header.count);
     let mut human = format!(
@@ -230,17 +218,18 @@ fn encode_file(args: &EncodeArgs, job: &Job, report: Reporter) -> Result<()> {
         DecimalBytes(bytes),
         input_bytes as f64 / bytes as f64,
         8.0 * bytes as f64 / gaussians.max(1) as f64,
-        done.remarks(),
-        done.estimate_seconds,
+        remarks(args, &outcome),
+        outcome.estimate_seconds,
     );
-    if let Some(cameras) = &done.cameras {
+    if let Some(cameras) = &cameras {
         human += &format!("\n{}", cameras.human());
     }
-    let mut json = done.json();
+    let mut json = json(&outcome);
+    json["cameras"] = cameras.as_ref().map_or(Value::Null, Origin::json);
     for warning in warnings {
         note(format_args!("warning: {name}: {warning}"));
     }
-    if let Some(loss) = &done.loss {
+    if let Some(loss) = &outcome.loss {
         human += &format!("\n{}", loss::human(loss));
         json["estimated_loss"] = loss::json(loss);
         // Where positions coincide, another warning says what helps.
@@ -263,7 +252,7 @@ fn encode_file(args: &EncodeArgs, job: &Job, report: Reporter) -> Result<()> {
     json["read_seconds"] = json!(read_seconds);
     json["encode_seconds"] = json!(encode_seconds);
     report.wrote(&written, &human, json)?;
-    match done.made.missed {
+    match why {
         Some(why) => Err(missed(format!("{}: written, but {why}", written.name))),
         None => Ok(()),
     }
@@ -275,207 +264,137 @@ fn embed(output: &Path) -> String {
     format!("import {{ GSVXSplats }} from 'gsvx/spark'; scene.add(new GSVXSplats('{file}'));")
 }
 
-/// A stream, and what is to be said of it.
-struct Done {
-    made: Made,
-    /// What the stream aimed for, and how near it came.
-    note: String,
-    /// With cameras: where they are from, and what they see.
-    cameras: Option<Origin>,
-    seen: Option<SeenShare>,
-    /// How much less the stream shows than the input, and how long the estimate took.
-    loss: Option<LossEstimate>,
-    estimate_seconds: f64,
-    /// The cameras seem not to be the model's own, so they decided nothing.
-    doubted: bool,
-}
-
-/// How much of a model cameras see.
-#[derive(Clone, Copy)]
-struct SeenShare {
-    of_opacity: f64,
-    unseen: usize,
-    /// Gaussians that cameras see, but too little to pay for their bits.
-    hardly: usize,
-    /// Of both, those in the stream.
-    kept: usize,
-}
-
-impl SeenShare {
-    /// Counts what became of what cameras see too little of. `least` has the importances by which it was kept.
-    fn count(&mut self, weights: &[f32], least: &[f32], rows: &[u32]) {
-        for ((&seen, &least), &row) in weights.iter().zip(least).zip(rows) {
-            let kept = row != LEFT_OUT;
-            let hardly = !kept || least > seen;
-            self.hardly += usize::from(hardly && seen > 0.0);
-            self.kept += usize::from(hardly && kept);
-        }
-    }
-
-    /// For a person.
-    fn remark(&self, gaussians: u64) -> Option<String> {
-        let Self { unseen, hardly, kept, .. } = *self;
-        if unseen + hardly == 0 {
-            return None;
-        }
-        let these = format!("{unseen} Gaussians that no camera sees and {hardly} hardly seen");
-        Some(match kept {
-            0 => format!("{these} are left out"),
-            _ => format!(
-                "{these}: {kept} of them kept, coarsely; --drop-unseen leaves them out, which saves at most about \
-                 {:.1} %",
-                100.0 * kept.min(gaussians as usize) as f64 / gaussians.max(1) as f64
-            ),
-        })
-    }
-}
-
 /// What is said of Gaussians that no rasterizer draws.
 pub(crate) fn transparent(n: usize) -> String {
     format!("{n} left out that no rasterizer draws (opacity below 1/255)")
 }
 
-impl Done {
-    /// For a person.
-    fn remarks(&self) -> String {
-        let encoded = &self.made.encoded;
-        let outliers = encoded.outliers();
-        let mut remarks = vec![self.note.clone()];
-        if encoded.transparent > 0 {
-            remarks.push(transparent(encoded.transparent));
-        }
-        if encoded.pruned > 0 {
-            remarks.push(format!("{} pruned", encoded.pruned));
-        }
-        // With bounds on errors the note says how many are exact.
-        if outliers > 0 && encoded.max_error.is_none() {
-            remarks.push(format!(
-                "{} coded exactly, far from all others: {:.0} % of the bytes",
-                counted(outliers, "outlier"),
-                100.0 * encoded.exact_share()
-            ));
-        }
-        let seen = self.seen.filter(|_| !self.doubted);
-        remarks.extend(seen.and_then(|seen| seen.remark(encoded.index.header.count)));
-        remarks.join("; ")
+/// What is said of Gaussians that cameras see too little of, in a stream of so many.
+fn unseen(count: &VisibilityCount, gaussians: u64) -> Option<String> {
+    let VisibilityCount { unseen, hardly_seen, kept, .. } = *count;
+    if unseen + hardly_seen == 0 {
+        return None;
     }
-
-    fn json(&self) -> Value {
-        let Self { made: Made { encoded, .. }, seen, .. } = self;
-        json!({
-            "gaussians": encoded.index.header.count,
-            "quality": self.made.quality,
-            "psnr": self.made.measured.filter(|m| m.0 == Measure::Psnr).map(|m| m.1),
-            "ssimulacra2": self.made.measured.filter(|m| m.0 == Measure::Ssimulacra2).map(|m| m.1),
-            "encodes": self.made.encodes,
-            "transparent": encoded.transparent,
-            "pruned": encoded.pruned,
-            "outliers": encoded.outliers(),
-            "cameras": self.cameras.as_ref().map(Origin::json),
-            "cameras_doubted": self.doubted,
-            "seen_opacity_share": seen.map(|s| s.of_opacity),
-            "unseen": seen.map(|s| s.unseen),
-            "hardly_seen": seen.map(|s| s.hardly),
-            "hardly_seen_kept": seen.map(|s| s.kept),
-            "left_out": encoded.left_out,
-            "max_error": max_error::json(encoded),
-            "target_reached": self.made.missed.is_none(),
-            "parts": parts(&encoded.parts()),
-            "estimate_seconds": self.estimate_seconds,
-        })
-    }
-}
-
-/// Leaves out what no rasterizer draws, and returns how many Gaussians these are. The encoder does it too, in a copy.
-fn leave_out_transparent(args: &EncodeArgs, scene: &mut Scene) -> gsvx::Result<usize> {
-    let (all, drawn) = (scene.len(), scene.drawn().unwrap_or_default());
-    if args.lossless || args.max_error.is_some() || drawn.is_empty() {
-        return Ok(0);
-    }
-    // An error names the Gaussian of the file.
-    gsvx::check_values(scene, args.scene.content.max_sh_degree(), 0)?;
-    scene.keep(&drawn);
-    Ok(all - scene.len())
-}
-
-/// The stream that the flags ask for.
-fn encoded(args: &EncodeArgs, name: &str, mut scene: Scene) -> Result<Done> {
-    let content = &args.scene.content;
-    let transparent = leave_out_transparent(args, &mut scene).with_context(|| name.to_owned())?;
-    let (mut seen_share, mut importance, mut cameras, mut origin) = (None, None, None, None);
-    let mut doubted = false;
-    if let Some(path) = &content.cameras {
-        let read = views::training(path, scene.origin)?;
-        doubted = photos::doubt_cameras(&scene, path, &read.views, content.drop_unseen)?;
-        let Placed { cameras: training, origin: from } = views::as_pinholes(path, read)?;
-        if !doubted {
-            let seen = views::seen(&scene, &training, path)?;
-            let (of_opacity, unseen) = (seen.share, seen.unseen());
-            seen_share = Some(SeenShare { of_opacity, unseen, hardly: 0, kept: 0 });
-            importance = Some(seen.weights);
-        }
-        (cameras, origin) = (Some(training), from);
-    }
-    // The likeness is to the input before pruning.
-    let likeness = args.likeness().zip(cameras.as_ref());
-    let likeness = likeness.map(|(wanted, cameras)| (references(&scene, cameras), wanted));
-    let estimated = !args.no_estimate && !args.lossless;
-    let alike =
-        likeness.as_ref().map(|(references, (m, target))| tune::alike(references, *m, *target));
-    let mut encoder = args.encoder(args.aim(alike));
-    encoder.options.rows = importance.is_some();
-    encoder.options.importance = importance;
-    let mut bar = None;
-    encoder.on_progress(move |event| {
-        drop(bar.take());
-        if let EncodeProgress::Begins(quality) = event {
-            bar = Some(Meter::spinner(format!("encoding at quality {quality:.1}")));
-        }
-        ControlFlow::Continue(())
-    });
-    let judged = tune::encode_judged(&mut encoder, &scene, cameras.as_deref(), estimated);
-    let judged = judged.with_context(|| name.to_owned())?;
-    if let (Some(doubt), Some(path)) = (judged.doubt(), &content.cameras) {
-        doubted = true;
-        note(format_args!(
-            "warning: {}: {doubt}; their importances are not used, but with --drop-unseen they are",
-            path.display()
-        ));
-    }
-    let Judged { mut made, loss, seconds, .. } = judged;
-    made.encoded.transparent += transparent;
-    let weights = encoder.options.importance.as_ref();
-    if let (Some(share), Some(weights), Some(rows)) = (&mut seen_share, weights, &made.encoded.rows)
-    {
-        let least = match encoder.options.drop_unseen {
-            true => weights.clone(),
-            false => with_unseen(&scene, weights, made.quality.unwrap_or_default()),
-        };
-        share.count(weights, &least, rows);
-    }
-    Ok(Done {
-        note: aimed(args, &made),
-        cameras: origin,
-        seen: seen_share,
-        doubted,
-        loss,
-        estimate_seconds: seconds,
-        made,
+    let these = format!("{unseen} Gaussians that no camera sees and {hardly_seen} hardly seen");
+    Some(match kept {
+        0 => format!("{these} are left out"),
+        _ => format!(
+            "{these}: {kept} of them kept, coarsely; --drop-unseen leaves them out, which saves at most about \
+             {:.1} %",
+            100.0 * kept.min(gaussians as usize) as f64 / gaussians.max(1) as f64
+        ),
     })
 }
 
+/// For a person.
+fn remarks(args: &EncodeArgs, outcome: &EncodeOutcome) -> String {
+    let encoded = &outcome.output.encoded;
+    let outliers = encoded.outliers();
+    let mut remarks = vec![aimed(args, &outcome.output)];
+    if encoded.transparent > 0 {
+        remarks.push(transparent(encoded.transparent));
+    }
+    if encoded.pruned > 0 {
+        remarks.push(format!("{} pruned", encoded.pruned));
+    }
+    // With bounds on errors the first remark says how many are exact.
+    if outliers > 0 && encoded.max_error.is_none() {
+        remarks.push(format!(
+            "{} coded exactly, far from all others: {:.0} % of the bytes",
+            counted(outliers, "outlier"),
+            100.0 * encoded.exact_share()
+        ));
+    }
+    let seen = outcome.seen.as_ref().filter(|_| !outcome.cameras_ignored());
+    remarks.extend(seen.and_then(|seen| unseen(seen, encoded.index.header.count)));
+    remarks.join("; ")
+}
+
+fn json(outcome: &EncodeOutcome) -> Value {
+    let EncodeOutcome { output: EncoderOutput { encoded, measured, .. }, seen, .. } = outcome;
+    let measured = |of: Measure| measured.filter(|m| m.0 == of).map(|m| m.1);
+    json!({
+        "gaussians": encoded.index.header.count,
+        "quality": outcome.output.quality,
+        "psnr": measured(Measure::Psnr),
+        "ssimulacra2": measured(Measure::Ssimulacra2),
+        "encodes": outcome.output.encodes,
+        "transparent": encoded.transparent,
+        "pruned": encoded.pruned,
+        "outliers": encoded.outliers(),
+        "cameras_doubted": outcome.cameras_ignored(),
+        "seen_opacity_share": seen.map(|s| s.share),
+        "unseen": seen.map(|s| s.unseen),
+        "hardly_seen": seen.map(|s| s.hardly_seen),
+        "hardly_seen_kept": seen.map(|s| s.kept),
+        "left_out": encoded.left_out,
+        "max_error": max_error::json(encoded),
+        "target_reached": outcome.output.missed.is_none(),
+        "parts": parts(&encoded.parts()),
+        "estimate_seconds": outcome.estimate_seconds,
+    })
+}
+
+/// The stream that the flags ask for, and where the cameras are from.
+fn encoded(args: &EncodeArgs, name: &str, scene: Scene) -> Result<(EncodeOutcome, Option<Origin>)> {
+    let content = &args.scene.content;
+    let path = content.cameras.as_deref();
+    let read = path.map(|path| views::training(path, scene.origin)).transpose()?;
+    let photos = read.as_ref().map_or(Vec::new(), |read| read.views.clone());
+    let placed = path.zip(read).map(|(path, read)| views::as_pinholes(path, read)).transpose()?;
+    let (cameras, origin) = placed.map(|p| (p.cameras, p.origin)).unzip();
+    let recipe = EncodeRecipe {
+        aim: args.aim(),
+        options: args.options(),
+        cameras: cameras.as_deref(),
+        photos: &photos,
+        estimate: !args.no_estimate,
+    };
+    let path = path.unwrap_or(Path::new(""));
+    let outcome = match tune::encode(scene, &recipe, meters(recipe.cameras)) {
+        Err(error @ tune::Error::OtherPhotos { .. }) => return Err(photos::refused(path, &error)),
+        Err(error @ tune::Error::NothingSeen) => bail!("{}: {error}", path.display()),
+        other => other.with_context(|| name.to_owned())?,
+    };
+    outcome.doubts.iter().for_each(|doubt| views::warn(path, doubt));
+    Ok((outcome, origin.flatten()))
+}
+
+/// Shows how far an encode is.
+fn meters(cameras: Option<&[Camera]>) -> impl FnMut(EncodeEvent<'_>) -> ControlFlow<()> + use<> {
+    let mut bar = cameras.map(|cameras| Meter::new("importance", cameras.len()));
+    move |event| {
+        let (what, done, all) = match event {
+            EncodeEvent::Visibility(done, all) => ("importance", done, all),
+            EncodeEvent::References(done, all) => ("renders of the input", done, all),
+            EncodeEvent::Encoder(event) => {
+                bar = None;
+                if let EncodeProgress::Begins(quality) = event {
+                    bar = Some(Meter::spinner(format!("encoding at quality {quality:.1}")));
+                }
+                return ControlFlow::Continue(());
+            }
+        };
+        bar.get_or_insert_with(|| Meter::new(what, all)).set(done as u64, String::new());
+        if done == all {
+            bar = None;
+        }
+        ControlFlow::Continue(())
+    }
+}
+
 /// What the stream aimed for, and how near it came.
-fn aimed(args: &EncodeArgs, made: &Made) -> String {
-    let Some(quality) = made.quality else {
-        let bounds = max_error::human(&made.encoded);
+fn aimed(args: &EncodeArgs, output: &EncoderOutput) -> String {
+    let Some(quality) = output.quality else {
+        let bounds = max_error::human(&output.encoded);
         return bounds.unwrap_or_else(|| "every float bit for bit".into());
     };
-    let reached = match (made.missed, made.measured) {
+    let reached = match (output.missed, output.measured) {
         (Some(Missed::Bytes { .. }), _) => "above the target".into(),
         (_, Some((measure, value))) => format!("{} from the input's renders", measure.words(value)),
-        (None, None) if made.encodes > 1 || args.most_bytes().is_some() => {
+        (None, None) if output.encodes > 1 || args.most_bytes().is_some() => {
             let most = args.most_bytes().unwrap_or_default().max(1);
-            let share = 100.0 * made.encoded.bytes.len() as f64 / most as f64;
+            let share = 100.0 * output.encoded.bytes.len() as f64 / most as f64;
             format!("{share:.1} % of the target")
         }
         _ => {
@@ -485,15 +404,5 @@ fn aimed(args: &EncodeArgs, made: &Made) -> String {
             };
         }
     };
-    format!("quality {quality:.1}, {reached}, {} encodes", made.encodes)
-}
-
-/// Renders of the input.
-fn references(scene: &Scene, cameras: &[Camera]) -> References {
-    let mut bar: Option<Meter> = None;
-    let Ok(references) = References::new(scene, cameras, |_, all| {
-        bar.get_or_insert_with(|| Meter::new("renders of the input", all)).inc();
-        Ok::<_, Infallible>(())
-    });
-    references
+    format!("quality {quality:.1}, {reached}, {} encodes", output.encodes)
 }

@@ -93,7 +93,11 @@ fn remedy(cause: &(dyn std::error::Error + 'static)) -> Option<String> {
         let how = "--backend auto or cpu goes on without it, from the checkpoint if there is one";
         return Some(how.into());
     }
-    match cause.downcast_ref::<Stream>()? {
+    let stream = match cause.downcast_ref() {
+        Some(tune::Error::Codec(error)) => Some(error),
+        _ => cause.downcast_ref(),
+    };
+    match stream? {
         Stream::Limit { points, .. } => {
             Some(format!("pass --max-gaussians {points} if you trust it"))
         }

@@ -27,7 +27,7 @@ pub(crate) fn stream(
     };
     *notes = report.sentences();
     let mut encoder = Encoder::new(Aim::Quality(quality.unwrap_or(DEFAULT_QUALITY)));
-    let made = encoder.encode(&scene).with_context(|| name.clone())?;
+    let made = encoder.encode(&scene, None).with_context(|| name.clone())?;
     made.warnings.iter().for_each(|warning| note(format_args!("warning: {name}: {warning}")));
     Ok(made.encoded.bytes)
 }

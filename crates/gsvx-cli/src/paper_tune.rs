@@ -12,7 +12,7 @@ use crate::views::{self, Origin};
 use anyhow::{Context, Result};
 use finetune::TrainView;
 use gs_model::Scene;
-use gsvx::{EncodeOptions, Prepared};
+use gsvx::{CodeOptions, PrepareOptions, Prepared, Steps};
 use indicatif::DecimalBytes;
 use serde_json::json;
 use std::path::Path;
@@ -78,7 +78,8 @@ pub(crate) struct PaperJob<'a> {
     pub(crate) scene: Scene,
     pub(crate) training: Vec<TrainView>,
     /// Quality and layout of the stream.
-    pub(crate) options: EncodeOptions,
+    pub(crate) quality: f32,
+    pub(crate) options: CodeOptions,
     pub(crate) tuning: FineTuneOptions,
     pub(crate) output: Output,
     /// A model instead of a stream.
@@ -87,10 +88,10 @@ pub(crate) struct PaperJob<'a> {
 
 /// Voxelizes, fine-tunes with the means frozen, writes a stream or a model.
 pub(crate) fn run(args: &PaperArgs, job: PaperJob<'_>, report: Reporter) -> Result<()> {
-    let PaperJob { origin, training, mut options, mut tuning, output, ply, .. } = job;
+    let PaperJob { origin, training, quality, options, mut tuning, output, ply, .. } = job;
     let name = || input::name(job.input);
     let cameras: Vec<_> = training.iter().map(|v| v.camera.clone()).collect();
-    let seen = views::seen(&job.scene, &cameras, job.cameras)?;
+    let seen = views::visibility(&job.scene, &cameras, job.cameras)?;
     let (unseen, n) = (seen.unseen(), job.scene.len());
     if unseen > 0 {
         note(format_args!("{unseen} of {n} Gaussians show in no training view: kept, coarsely"));
@@ -100,11 +101,10 @@ pub(crate) fn run(args: &PaperArgs, job: PaperJob<'_>, report: Reporter) -> Resu
     tuning.steps = args.steps.unwrap_or(tuning.steps);
     tuning.patience = (patience > 0).then_some(patience);
     tuning.checkpoint_every = args.checkpoint_every.unwrap_or(tuning.checkpoint_every);
-    options.importance = Some(seen.weights);
+    let seen = Some(&seen.squared[..]);
     let Prepared { mut scene, voxels, importance, outliers } =
-        gsvx::prepare(&job.scene, &options).with_context(name)?;
+        gsvx::prepare(&job.scene, seen, quality, &PrepareOptions::default()).with_context(name)?;
     drop(job.scene);
-    options.importance = Some(importance);
     // The means of Gaussians that are coded exactly stay where they are, as those of the leaves do.
     if let Some(outliers) = &outliers {
         note(format_args!("{} will be coded exactly", counted(outliers.len(), "outlier")));
@@ -124,8 +124,10 @@ pub(crate) fn run(args: &PaperArgs, job: PaperJob<'_>, report: Reporter) -> Resu
         (output.write(|out| Ok(gs_model::ply::write_to(out, &outcome.scene)?))?, 0)
     } else {
         let exact = Some(outcome.scene.split_off(voxels.len())).filter(|exact| !exact.is_empty());
-        let octree = voxels.octree();
-        let encoded = gsvx::encode_voxels(&outcome.scene, octree, exact.as_ref(), &options);
+        let (exact, importance) = (exact.as_ref(), Some(&importance[..]));
+        let (leaves, octree, steps) =
+            (&outcome.scene, voxels.octree(), Steps::of_quality(quality)?);
+        let encoded = gsvx::encode_voxels(leaves, octree, exact, importance, &steps, &options);
         let stream = encoded.with_context(name)?.bytes;
         (output.write(|out| Ok(out.write_all(&stream)?))?, stream.len() as u64)
     };

@@ -2,11 +2,12 @@
 
 use crate::exit::note;
 use crate::progress::Meter;
-use anyhow::{Context, Result, bail};
+use crate::views;
+use anyhow::{Context, Result, anyhow};
 use finetune::TrainView;
 use gs_model::{Camera, Scene, View};
 use std::path::Path;
-use tune::Targets;
+use tune::{CameraDoubt, Targets};
 
 /// Training views, which `path` names, with their photos; none, with a warning, if there are no photos at all.
 pub(crate) fn photos(
@@ -33,17 +34,32 @@ pub(crate) fn doubt_cameras(
     views: &[View],
     drop_unseen: bool,
 ) -> Result<bool> {
-    let Err(doubt) = tune::check_photos(scene, views) else { return Ok(false) };
-    let keep = match doubt {
+    match tune::check_photos(scene, views) {
+        Ok(()) => Ok(false),
+        Err(error) if drop_unseen => Err(refused(path, &error)),
+        Err(error) => {
+            views::warn(path, &CameraDoubt::Photos(error));
+            Ok(true)
+        }
+    }
+}
+
+/// The error if photos beside the cameras, which `path` names, show something else, and what the cameras do not see would
+/// be lost.
+pub(crate) fn refused(path: &Path, error: &tune::Error) -> anyhow::Error {
+    anyhow!(
+        "{}; without --drop-unseen the model is encoded as if there were no cameras",
+        named(path, error)
+    )
+}
+
+/// What photos beside the cameras, which `path` names, show instead of the model.
+pub(crate) fn named(path: &Path, error: &tune::Error) -> String {
+    let keep = match error {
         tune::Error::OtherPhotos { turned: true, .. } => " (an SPZ: pass --axes keep)",
         _ => "",
     };
-    let doubt = format!("{}: {}{keep}", path.display(), gs_model::chain(&doubt));
-    if drop_unseen {
-        bail!("{doubt}; without --drop-unseen the model is encoded as if there were no cameras");
-    }
-    note(format_args!("warning: {doubt}; the cameras are not used"));
-    Ok(true)
+    format!("{}: {}{keep}", path.display(), gs_model::chain(error))
 }
 
 /// Photos, or renders of the model.

@@ -4,7 +4,7 @@ use crate::content::SceneArgs;
 use crate::report::Reporter;
 use crate::scale;
 use anyhow::Result;
-use gsvx::Aim;
+use gsvx::{Aim, Choices};
 
 pub(crate) const EXAMPLES: &str = "\
 Examples:
@@ -26,6 +26,7 @@ pub(crate) struct PlanArgs {
 /// Makes a plan.
 pub(crate) fn run(args: &PlanArgs, report: Reporter) -> Result<()> {
     let content = &args.scene.content;
-    let encoder = content.encoder(Aim::Quality(content.quality()));
-    scale::plan(&args.scene, encoder.choices(content.cameras.is_some())?, report)
+    let aim = Aim::Quality(content.quality());
+    let choices = Choices::of(aim, &content.options(), content.cameras.is_some())?;
+    scale::plan(&args.scene, choices, report)
 }

@@ -100,7 +100,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_log_showed_no_progress() {
+    fn a_log_gets_lines_of_progress() {
         let at = Duration::from_secs;
         let bar = Meter::new("fine-tune", 500);
         bar.bar.set_position(99);

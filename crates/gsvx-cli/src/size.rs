@@ -37,7 +37,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn sizes_took_only_plain_numbers() {
+    fn sizes_have_units_and_fractions() {
         let good = [
             ("1", 1),
             ("1000000", 1_000_000),

@@ -18,7 +18,6 @@ use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use finetune::metrics::Scores;
 use finetune::{Backend, RenderOptions, render};
 use gs_model::{Camera, Scene};
-use gsvx::EncodeOptions;
 use indicatif::DecimalBytes;
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -144,11 +143,7 @@ impl TuneArgs {
     }
 
     fn layout(&self) -> Layout {
-        match (self.lod, self.web) {
-            (_, true) => Layout::Web,
-            (true, _) => Layout::CoarseFirst,
-            _ => Layout::Finest,
-        }
+        Layout::of(self.web, self.lod)
     }
 
     /// Combinations of flags that make no sense; `ply` is the output's format.
@@ -194,7 +189,7 @@ impl TuneArgs {
     fn refuse_misfits(&self, scene: &Scene, cameras: &[Camera], path: &Path) -> Result<()> {
         let quality = self.quality.unwrap_or(tune::DEFAULT_QUALITY);
         let looking = Meter::spinner("looking from the cameras".into());
-        let doubt = tune::doubt(scene, cameras, quality)?;
+        let doubt = tune::misfit(scene, cameras, quality)?;
         drop(looking);
         let path = path.display();
         match doubt {
@@ -249,13 +244,22 @@ pub(crate) fn run(args: &TuneArgs, report: Reporter) -> Result<()> {
             backend,
             ..Default::default()
         };
-        let mut options =
-            EncodeOptions::from_quality(args.quality.unwrap_or(gsvx::DEFAULT_QUALITY))?;
-        args.layout().set(&mut options);
+        let quality = args.quality.unwrap_or(gsvx::DEFAULT_QUALITY);
+        let options = args.layout().code();
         let input = &*args.input;
         let training = photos::training(&scene, targets);
-        let job =
-            PaperJob { input, cameras, origin, scene, training, options, tuning, output, ply };
+        let job = PaperJob {
+            input,
+            cameras,
+            origin,
+            scene,
+            training,
+            quality,
+            options,
+            tuning,
+            output,
+            ply,
+        };
         return paper_tune::run(&args.paper, job, report);
     }
     let outcome = tuned(args, scene, targets, backend)?;

@@ -3,16 +3,18 @@
 use crate::exit::{note, usage};
 use crate::orbit::Orbit;
 use crate::output::is_stdio;
+use crate::photos;
 use crate::progress::Meter;
 use crate::size::number;
 use anyhow::{Result, bail};
-use finetune::Visibility;
+use finetune::{Visibility, doubt_about_share};
 use gs_model::dataset::{self, CameraSet, HOLD_OUT_EVERY};
 use gs_model::lens::Lens;
 use gs_model::{Camera, Scene, View, pinholes, refuse_wide};
 use serde_json::{Value, json};
 use std::convert::Infallible;
 use std::path::{Path, PathBuf};
+use tune::CameraDoubt;
 
 /// Longest edge of an image that is drawn, in pixels.
 const MAX_EDGE: u32 = 1 << 14;
@@ -236,28 +238,45 @@ pub(crate) fn as_pinholes(path: &Path, read: Read) -> Result<Placed> {
 ///
 /// # Errors
 /// If they see nothing.
-pub(crate) fn seen(scene: &Scene, cameras: &[Camera], path: &Path) -> Result<Visibility> {
+pub(crate) fn visibility(scene: &Scene, cameras: &[Camera], path: &Path) -> Result<Visibility> {
     let steps = Meter::new("importance", cameras.len());
     let Ok(seen) = Visibility::of(scene, cameras, |_| {
         steps.inc();
         Ok::<_, Infallible>(())
     });
     drop(steps);
-    check(&seen, path)?;
+    check(seen.share(scene), path)?;
     Ok(seen)
 }
 
-/// Warns if the cameras, which `path` names, see little.
+/// Warns if the cameras, which `path` names, see little: this share of the opacity.
 ///
 /// # Errors
 /// If they see nothing.
-pub(crate) fn check(seen: &Visibility, path: &Path) -> Result<()> {
-    match seen.doubt() {
-        Some(doubt) if seen.share == 0.0 => bail!("{}: {doubt}", path.display()),
-        Some(doubt) => note(format_args!("warning: {}: {doubt}", path.display())),
+pub(crate) fn check(share: f64, path: &Path) -> Result<()> {
+    match doubt_about_share(share) {
+        Some(doubt) if share == 0.0 => bail!("{}: {doubt}", path.display()),
+        Some(_) => warn(path, &CameraDoubt::Share(share)),
         None => {}
     }
     Ok(())
+}
+
+/// Says why cameras, which `path` names, may not be the model's own, and what becomes of them.
+pub(crate) fn warn(path: &Path, doubt: &CameraDoubt) {
+    let then = match doubt {
+        CameraDoubt::Photos(error) => {
+            return note(format_args!(
+                "warning: {}; the cameras are not used",
+                photos::named(path, error)
+            ));
+        }
+        CameraDoubt::Share(_) => "",
+        CameraDoubt::Misfit(_) => {
+            "; their importances are not used, but with --drop-unseen they are"
+        }
+    };
+    note(format_args!("warning: {}: {doubt}{then}", path.display()));
 }
 
 #[cfg(test)]
@@ -265,7 +284,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_room_was_shown_lying_on_its_side() {
+    fn up_is_that_of_the_cameras_beside_a_model() {
         let room = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/room");
         let up = up_beside(&room.join("point_cloud.ply")).expect("its cameras are beside it");
         assert!(up[2] > 0.95, "{up:?}");

@@ -47,7 +47,7 @@ fn psnr(stream: &Path) -> f64 {
 }
 
 #[test]
-fn cameras_that_do_not_show_the_scene_deleted_it() {
+fn cameras_that_see_little_are_named_and_what_they_miss_is_kept() {
     let dir = tempfile::tempdir().unwrap();
     let (json, stream) = (dir.path().join("cameras.json"), dir.path().join("a.gsvx"));
     let input = model();
@@ -247,7 +247,7 @@ fn a_lens_that_distorts_is_named_where_renders_do_not_show_it() {
 }
 
 #[test]
-fn a_tune_took_photos_of_another_scene_without_a_word() {
+fn a_tune_refuses_photos_of_another_scene() {
     let dir = tempfile::tempdir().unwrap();
     let images = dir.path().join("images");
     std::fs::create_dir_all(&images).unwrap();

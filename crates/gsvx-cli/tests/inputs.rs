@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::Output;
 
 #[test]
-fn the_limit_on_gaussians_had_no_flag() {
+fn the_limit_on_gaussians_is_a_flag_of_every_command_that_reads() {
     let dir = tempfile::tempdir().unwrap();
     let at = |name: &str| dir.path().join(name);
     let (input, stream) = (small(dir.path()), at("a.gsvx"));
@@ -28,7 +28,7 @@ fn the_limit_on_gaussians_had_no_flag() {
 }
 
 #[test]
-fn normals_are_not_lost_without_a_word() {
+fn normals_that_are_left_out_are_named() {
     let dir = tempfile::tempdir().unwrap();
     let (input, stream) = (small(dir.path()), dir.path().join("a.gsvx"));
     let quiet = json(&["encode", "@", "-o", "@", "--lossless"], &[&input, &stream]);
@@ -102,7 +102,7 @@ fn a_colour_beyond_all_models_is_refused_with_two_ways_on() {
 }
 
 #[test]
-fn messages_named_wrong_causes() {
+fn messages_name_the_cause_and_the_remedy() {
     let dir = tempfile::tempdir().unwrap();
     let at = |name: &str| dir.path().join(name);
     let (input, stream) = (small(dir.path()), at("a.gsvx"));
@@ -159,7 +159,7 @@ fn messages_named_wrong_causes() {
 }
 
 #[test]
-fn cameras_of_enormous_images_ended_in_an_abort() {
+fn cameras_of_enormous_images_are_refused() {
     let dir = tempfile::tempdir().unwrap();
     let (input, cameras) = (small(dir.path()), dir.path().join("cameras.json"));
     let camera = |id: u32| {
@@ -180,7 +180,7 @@ fn cameras_of_enormous_images_ended_in_an_abort() {
 
 /// `ended: Steps`.
 #[test]
-fn a_finetune_said_why_it_ended_in_a_name_of_the_code() {
+fn a_finetune_says_in_words_why_it_ended() {
     let dir = tempfile::tempdir().unwrap();
     let (input, out) = (small(dir.path()), dir.path().join("a.ply"));
     let room = common::room();
@@ -193,7 +193,7 @@ fn a_finetune_said_why_it_ended_in_a_name_of_the_code() {
 }
 
 #[test]
-fn a_pipe_could_not_say_its_format() {
+fn from_names_the_format_of_a_pipe() {
     let dir = tempfile::tempdir().unwrap();
     let at = |name: &str| dir.path().join(name);
     let input = small(dir.path());
@@ -217,7 +217,7 @@ fn a_pipe_could_not_say_its_format() {
 }
 
 #[test]
-fn info_read_streams_alone() {
+fn info_reads_every_format() {
     let dir = tempfile::tempdir().unwrap();
     let at = |name: &str| dir.path().join(name);
     let input = small(dir.path());
@@ -244,7 +244,7 @@ fn info_read_streams_alone() {
 }
 
 #[test]
-fn many_inputs_took_many_commands() {
+fn many_inputs_become_one_output_each() {
     let dir = tempfile::tempdir().unwrap();
     let at = |name: &str| dir.path().join(name);
     let input = small(dir.path());
@@ -279,7 +279,7 @@ fn many_inputs_took_many_commands() {
 }
 
 #[test]
-fn sizes_and_presets_had_to_be_numbers() {
+fn sizes_have_units_and_presets_have_names() {
     let dir = tempfile::tempdir().unwrap();
     let (input, stream) = (small(dir.path()), dir.path().join("a.gsvx"));
     let words = ["encode", "@", "-o", "@", "--force", "--target-bytes", "8.5k"];
@@ -296,7 +296,7 @@ fn sizes_and_presets_had_to_be_numbers() {
 }
 
 #[test]
-fn spz_of_niantics_tools_stood_on_its_head() {
+fn an_spz_is_turned_unless_its_axes_are_kept() {
     let dir = tempfile::tempdir().unwrap();
     let at = |name: &str| dir.path().join(name);
     let input = small(dir.path());
@@ -323,7 +323,7 @@ fn spz_of_niantics_tools_stood_on_its_head() {
 }
 
 #[test]
-fn compare_showed_no_pictures() {
+fn compare_writes_pictures_the_worst_first() {
     let dir = tempfile::tempdir().unwrap();
     let at = |name: &str| dir.path().join(name);
     let input = small(dir.path());
@@ -350,7 +350,7 @@ fn compare_showed_no_pictures() {
 }
 
 #[test]
-fn the_short_help_had_every_flag() {
+fn the_short_help_has_nine_flags_and_the_long_one_all() {
     let short = ok(&["encode", "-h"], &[]);
     let flags = short.lines().filter(|l| l.trim_start().starts_with('-'));
     // Eight, and -h.
@@ -363,7 +363,7 @@ fn the_short_help_had_every_flag() {
 }
 
 #[test]
-fn files_of_other_tools_had_to_be_converted_first() {
+fn files_of_other_tools_are_read_as_they_are() {
     let dir = tempfile::tempdir().unwrap();
     let at = |name: &str| dir.path().join(name);
     let formats = common::room().join("../formats");

@@ -17,10 +17,10 @@ fn chunked(path: &Path, leaves: usize, lod: bool) {
     let (mut scene, _) = gs_model::ply::read(common::model()).unwrap();
     let far = Scene { means: vec![[3e9, 0.0, 0.0]], ..scene.select(&[0]) };
     scene.append(&far);
-    let mut options = gsvx::EncodeOptions::from_quality(50.0).unwrap();
-    options.chunk_leaves = NonZeroUsize::new(leaves).unwrap();
-    options.lod = lod;
-    std::fs::write(path, gsvx::encode(&scene, &options).unwrap().bytes).unwrap();
+    let mut options = gsvx::EncodeOptions::default();
+    options.code.chunk_leaves = NonZeroUsize::new(leaves).unwrap();
+    options.code.lod = lod;
+    std::fs::write(path, gsvx::encode(&scene, None, 50.0, &options).unwrap().bytes).unwrap();
 }
 
 fn at_level(stream: &[u8], lod: u8) -> Scene {
@@ -142,8 +142,8 @@ fn tiles_and_streams_stand_where_a_scene_far_from_the_origin_does() {
     let (input, tiles, web) = (at("utm.gsvx"), at("tiles"), at("web"));
     let (mut scene, _) = gs_model::ply::read(common::model()).unwrap();
     scene.origin = [389_477.25, 5_435_291.5, 120.0];
-    let options = gsvx::EncodeOptions::from_quality(50.0).unwrap();
-    std::fs::write(&input, gsvx::encode(&scene, &options).unwrap().bytes).unwrap();
+    let stream = gsvx::encode(&scene, None, 50.0, &gsvx::EncodeOptions::default()).unwrap();
+    std::fs::write(&input, stream.bytes).unwrap();
     let words = ["lod", "@", "-o", "@", "--force", "--format", "3dtiles", "--at", "8,49,120"];
     let root = |words: &[&str]| -> (Value, String) {
         let (_, heard) = report(words, &[&input, &tiles]);

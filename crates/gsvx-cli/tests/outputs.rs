@@ -6,7 +6,7 @@ use common::{failed, gsvx, heard, ok, one_line, run, said, small, wrong_usage};
 use std::path::Path;
 
 #[test]
-fn an_unreachable_target_ended_as_if_it_were_reached() {
+fn an_unreachable_target_ends_with_exit_code_3() {
     let dir = tempfile::tempdir().unwrap();
     let (input, stream) = (small(dir.path()), dir.path().join("a.gsvx"));
     let out = run(&["encode", "@", "-o", "@", "--target-bytes", "100"], &[&input, &stream]);
@@ -35,7 +35,7 @@ fn an_unreachable_target_ended_as_if_it_were_reached() {
 }
 
 #[test]
-fn force_replaced_the_input_itself() {
+fn force_does_not_replace_the_input_itself() {
     let dir = tempfile::tempdir().unwrap();
     let input = small(dir.path());
     let before = std::fs::read(&input).unwrap();
@@ -56,7 +56,7 @@ fn force_replaced_the_input_itself() {
 }
 
 #[test]
-fn the_extension_did_not_decide_the_format() {
+fn the_extension_decides_the_format() {
     let dir = tempfile::tempdir().unwrap();
     let at = |name: &str| dir.path().join(name);
     let (input, stream) = (small(dir.path()), at("a.gsvx"));
@@ -77,7 +77,7 @@ fn the_extension_did_not_decide_the_format() {
 
 #[cfg(unix)]
 #[test]
-fn the_umask_was_ignored() {
+fn outputs_have_the_mode_of_the_umask() {
     use std::os::unix::fs::PermissionsExt;
     let dir = tempfile::tempdir().unwrap();
     let (input, output) = (small(dir.path()), dir.path().join("a.ply"));
@@ -98,7 +98,7 @@ fn the_umask_was_ignored() {
 
 #[cfg(unix)]
 #[test]
-fn a_link_was_replaced_instead_of_the_file_it_names() {
+fn the_file_that_a_link_names_is_replaced() {
     use std::os::unix::fs::symlink;
     let dir = tempfile::tempdir().unwrap();
     let at = |name: &str| dir.path().join(name);
@@ -123,7 +123,7 @@ fn a_link_was_replaced_instead_of_the_file_it_names() {
 
 #[cfg(unix)]
 #[test]
-fn a_device_was_refused_and_a_full_one_was_not_noticed() {
+fn devices_are_written_to_and_a_full_one_is_an_error() {
     let dir = tempfile::tempdir().unwrap();
     let (input, stream) = (small(dir.path()), dir.path().join("a.gsvx"));
     ok(&["encode", "@", "-o", "@"], &[&input, &stream]);
@@ -144,7 +144,7 @@ fn a_device_was_refused_and_a_full_one_was_not_noticed() {
 /// one.
 #[cfg(unix)]
 #[test]
-fn a_closed_pipe_gave_an_error() {
+fn a_closed_pipe_ends_the_command_without_a_word() {
     let dir = tempfile::tempdir().unwrap();
     let (input, stream) = (small(dir.path()), dir.path().join("a.gsvx"));
     ok(&["encode", "@", "-o", "@"], &[&input, &stream]);
@@ -202,7 +202,7 @@ fn what_lossy_coding_cannot_hold_is_named_as_the_file_counts() {
 }
 
 #[test]
-fn wrong_values_looked_like_failures() {
+fn wrong_values_are_wrong_usage() {
     let dir = tempfile::tempdir().unwrap();
     let (input, out) = (small(dir.path()), dir.path().join("a.gsvx"));
     for wrong in [
@@ -240,7 +240,7 @@ fn wrong_values_looked_like_failures() {
 /// group.
 #[cfg(unix)]
 #[test]
-fn a_terminated_finetune_kept_nothing() {
+fn a_terminated_finetune_writes_what_it_has_reached() {
     use std::process::{Command, Stdio};
     for signals in [&["-TERM"][..], &["-INT"], &["-TERM", "-TERM"]] {
         let dir = tempfile::tempdir().unwrap();

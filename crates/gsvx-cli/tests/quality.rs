@@ -50,7 +50,7 @@ fn the_estimated_loss_is_within_2_db_of_what_compare_measures() {
 }
 
 #[test]
-fn nothing_lay_between_the_best_quality_and_lossless() {
+fn bounds_on_errors_lie_between_the_best_quality_and_lossless() {
     let dir = tempfile::tempdir().unwrap();
     let (model, stream) = (room().join("point_cloud.ply"), dir.path().join("a.gsvx"));
     let words = ["encode", "--max-error", "0.02,mean=0.05", "-o"];
@@ -70,7 +70,7 @@ fn nothing_lay_between_the_best_quality_and_lossless() {
 }
 
 #[test]
-fn pictures_that_show_nothing_passed_for_equal_ones() {
+fn pictures_that_show_nothing_give_no_figure() {
     let dir = tempfile::tempdir().unwrap();
     let (model, stream) = (dir.path().join("clear.ply"), dir.path().join("a.gsvx"));
     let (mut scene, _) = gs_model::ply::read(room().join("point_cloud.ply")).unwrap();
@@ -84,7 +84,7 @@ fn pictures_that_show_nothing_passed_for_equal_ones() {
 }
 
 #[test]
-fn two_parts_far_apart_got_coarse_without_a_word() {
+fn two_parts_far_apart_have_a_warning() {
     let dir = tempfile::tempdir().unwrap();
     let (model, stream) = (dir.path().join("pair.ply"), dir.path().join("a.gsvx"));
     let (one, _) = gs_model::ply::read(room().join("point_cloud.ply")).unwrap();
@@ -103,7 +103,7 @@ fn two_parts_far_apart_got_coarse_without_a_word() {
 }
 
 #[test]
-fn half_of_a_model_was_coded_exactly_without_plain_words() {
+fn half_of_a_model_coded_exactly_has_a_warning() {
     let dir = tempfile::tempdir().unwrap();
     let (model, stream) = (dir.path().join("pair.ply"), dir.path().join("a.gsvx"));
     let one = testing::trained_like(1000, 0, &mut testing::Rng::seeded(5));
@@ -118,7 +118,7 @@ fn half_of_a_model_was_coded_exactly_without_plain_words() {
 }
 
 #[test]
-fn positions_that_coincide_were_merged_without_a_word() {
+fn positions_that_coincide_have_a_warning() {
     let dir = tempfile::tempdir().unwrap();
     let (model, stream) = (dir.path().join("double.ply"), dir.path().join("a.gsvx"));
     let mut double = common::scene();
@@ -133,7 +133,7 @@ fn positions_that_coincide_were_merged_without_a_word() {
 }
 
 #[test]
-fn one_gaussian_was_told_as_many() {
+fn one_gaussian_is_told_in_the_singular() {
     let dir = tempfile::tempdir().unwrap();
     let (model, stream) = (dir.path().join("one.ply"), dir.path().join("a.gsvx"));
     let mut scene = testing::trained_like(1, 0, &mut testing::Rng::seeded(5));

@@ -9,11 +9,11 @@ use std::path::Path;
 /// The room in many small chunks.
 fn stream(dir: &Path) -> std::path::PathBuf {
     let (scene, _) = gs_model::ply::read(common::model()).unwrap();
-    let mut options = gsvx::EncodeOptions::from_quality(50.0).unwrap();
-    options.chunk_leaves = NonZeroUsize::new(128).unwrap();
-    options.lod = true;
+    let mut options = gsvx::EncodeOptions::default();
+    options.code.chunk_leaves = NonZeroUsize::new(128).unwrap();
+    options.code.lod = true;
     let path = dir.join("room.gsvx");
-    std::fs::write(&path, gsvx::encode(&scene, &options).unwrap().bytes).unwrap();
+    std::fs::write(&path, gsvx::encode(&scene, None, 50.0, &options).unwrap().bytes).unwrap();
     path
 }
 

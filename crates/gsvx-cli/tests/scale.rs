@@ -246,7 +246,7 @@ fn a_web_stream_is_the_same_in_parts_and_in_memory() {
     let read = |name: &str| std::fs::read(at(name)).unwrap();
     assert!(read("memory.gsvx") == read("parts.gsvx"));
     // The quality that was asked for, and not that of the preset.
-    let step = gsvx::EncodeOptions::from_quality(80.0).unwrap().steps;
+    let step = gsvx::Steps::of_quality(80.0).unwrap();
     assert_eq!(gsvx::Index::parse(&read("memory.gsvx")).unwrap().header.steps, step);
 }
 

@@ -4,14 +4,17 @@ use crate::arrays::SplatArrays;
 use crate::background::{Event, Line, run};
 use crate::cameras::{CameraArrays, Cameras};
 use crate::error::{Fault, Result};
-use finetune::{LossEstimate, References, Visibility};
 use gs_model::{Doubts, Limits, Scene};
-use gsvx::{Aim, EncodeProgress, Encoder, LEFT_OUT, Leaves, Made, MaxError, Measure};
+use gsvx::{
+    Aim, CodeOptions, EncodeOptions, EncodeProgress, Encoded, LEFT_OUT, Leaves, MaxError, Measure,
+    PrepareOptions,
+};
 use numpy::PyArray1;
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyBytes, PyDict};
 use std::ops::ControlFlow;
 use std::time::Instant;
+use tune::{EncodeEvent, EncodeOutcome, EncodeRecipe, Layout};
 
 /// CompressOptions as Python has them.
 #[derive(FromPyObject)]
@@ -40,50 +43,38 @@ pub(crate) struct CompressOptions {
 }
 
 impl CompressOptions {
-    /// What renders are measured by, and the value that they shall reach.
-    fn likeness(&self) -> Option<(Measure, f64)> {
-        let psnr = self.target_psnr.map(|target| (Measure::Psnr, target));
-        psnr.or(self.target_ssimulacra2.map(|target| (Measure::Ssimulacra2, target)))
+    /// What the stream aims for.
+    fn aim(&self) -> Aim {
+        let alike =
+            |measure, target: Option<f64>| target.map(|target| Aim::Alike { measure, target });
+        let psnr = alike(Measure::Psnr, self.target_psnr);
+        let alike = psnr.or(alike(Measure::Ssimulacra2, self.target_ssimulacra2));
+        let bounds =
+            |(mean, opacity, shape, sh)| Aim::MaxError(MaxError { mean, opacity, shape, sh });
+        let other = self.max_error.map(bounds).or(self.target_bytes.map(Aim::Bytes)).or(alike);
+        match self.lossless {
+            true => Aim::Lossless,
+            false => other.unwrap_or(Aim::Quality(self.quality.unwrap_or(gsvx::DEFAULT_QUALITY))),
+        }
     }
 
-    /// An encoder that does what the options ask for; `alike` is [`Self::likeness`] as an aim.
-    fn encoder<'a>(&self, alike: Option<Aim<'a>>) -> Encoder<'a> {
-        let aim = match (self.max_error, self.target_bytes, alike) {
-            _ if self.lossless => Aim::Lossless,
-            (Some((mean, opacity, shape, sh)), ..) => {
-                Aim::MaxError(MaxError { mean, opacity, shape, sh })
-            }
-            (_, Some(bytes), _) => Aim::Bytes(bytes),
-            (.., Some(alike)) => alike,
-            _ => Aim::Quality(self.quality.unwrap_or(gsvx::DEFAULT_QUALITY)),
+    /// What is kept, and the layout of the stream.
+    fn options(&self) -> EncodeOptions {
+        let leaves = Leaves::of_depths(self.depth, self.j_low);
+        let prepare = PrepareOptions { leaves, prune: self.prune, drop_unseen: self.drop_unseen };
+        let code = CodeOptions {
+            max_sh_degree: self.max_sh_degree,
+            ..Layout::of(self.web, self.lod).code()
         };
-        let mut encoder = Encoder::new(aim);
-        if self.web {
-            encoder.options.for_web();
-        }
-        let options = &mut encoder.options;
-        options.leaves = match (self.depth, self.j_low) {
-            (Some(depth), Some(j_low)) => Leaves::Paper { j_low: j_low.min(depth), j_high: depth },
-            (Some(depth), None) => Leaves::Uniform { depth },
-            _ => Leaves::RateDistortion,
-        };
-        options.max_sh_degree = self.max_sh_degree;
-        options.prune = self.prune;
-        options.drop_unseen = self.drop_unseen;
-        options.lod |= self.lod;
-        options.rows = self.rows;
-        encoder
+        EncodeOptions { prepare, code }
     }
 }
 
 /// The stream, and what is to be said of it.
-#[derive(Default)]
-struct Done {
-    made: Made,
+struct Compressed {
+    outcome: EncodeOutcome,
     rows: Option<Vec<i64>>,
-    loss: Option<LossEstimate>,
     invalid: usize,
-    share_and_unseen: Option<(f64, usize)>,
     warnings: Vec<String>,
     seconds: f64,
 }
@@ -107,7 +98,7 @@ pub(crate) fn compress<'py>(
         encode(scene, &options, cameras.as_ref(), line)
     })?;
     let report = report(py, &done, input)?;
-    Ok((PyBytes::new(py, &done.made.encoded.bytes), report))
+    Ok((PyBytes::new(py, &done.outcome.output.encoded.bytes), report))
 }
 
 fn encode(
@@ -115,7 +106,7 @@ fn encode(
     options: &CompressOptions,
     cameras: Option<&Cameras>,
     line: &Line,
-) -> Result<Done> {
+) -> Result<Compressed> {
     let (start, input) = (Instant::now(), scene.len());
     // Coded without loss, infinite opacities stay as they are.
     let exact = options.lossless && !options.drop_invalid;
@@ -125,66 +116,57 @@ fn encode(
     if let Some(valid) = &valid {
         scene = scene.select(valid);
     }
-    let mut done = Done { invalid: input - scene.len(), ..Done::default() };
-    let estimated = options.estimate && !options.lossless;
-    done.warnings.extend(limits.sentences());
+    let invalid = input - scene.len();
+    let mut warnings = limits.sentences();
     if !options.lossless {
         scene.validate()?;
-        done.warnings.extend(Doubts::of(&scene).sentences());
+        warnings.extend(Doubts::of(&scene).sentences());
     }
-    let seen = cameras.map(|cameras| seen(&scene, cameras, &mut done, line)).transpose()?;
-    // The likeness is to the input before pruning.
-    let references = options.likeness().zip(cameras).map(|(wanted, cameras)| {
-        let step = |done, all| line.step("renders of the input", done, all);
-        References::new(&scene, &cameras.list, step).map(|references| (references, wanted))
-    });
-    let references = references.transpose()?;
-    let alike = references.as_ref().map(|(r, (measure, target))| tune::alike(r, *measure, *target));
-    let mut encoder = options.encoder(alike);
-    encoder.options.importance = seen;
+    let recipe = EncodeRecipe {
+        aim: options.aim(),
+        options: options.options(),
+        cameras: cameras.map(|c| &c.list[..]),
+        photos: &[],
+        estimate: options.estimate,
+    };
+    let name = cameras.map_or("", |c| &c.name);
     let mut encodes = 0;
-    encoder.on_progress(move |event| {
-        if line.check().is_err() {
-            return ControlFlow::Break(());
-        }
-        if let EncodeProgress::Made(quality, encoded) = event {
-            encodes += 1;
-            let values = vec![
-                ("quality", quality.into()),
-                ("bytes", encoded.bytes.len() as f64),
-                ("gaussians", encoded.index.header.count as f64),
-            ];
-            line.tell(Event { stage: "encode".into(), done: encodes, total: 0, values });
-        }
-        ControlFlow::Continue(())
+    let outcome = tune::encode(scene, &recipe, |event| {
+        let line = match event {
+            EncodeEvent::Visibility(done, all) => line.step("importance", done, all),
+            EncodeEvent::References(done, all) => line.step("renders of the input", done, all),
+            EncodeEvent::Encoder(EncodeProgress::Begins(_)) => line.check(),
+            EncodeEvent::Encoder(EncodeProgress::Made(quality, encoded)) => {
+                encodes += 1;
+                line.tell(made(encodes, quality, encoded));
+                line.check()
+            }
+        };
+        if line.is_ok() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
     });
-    let judged =
-        tune::encode_judged(&mut encoder, &scene, cameras.map(|c| &c.list[..]), estimated)?;
-    if let (Some(doubt), Some(Cameras { name, .. })) = (judged.doubt(), cameras) {
-        done.warnings.push(format!(
+    let mut outcome = outcome.map_err(|error| match error {
+        tune::Error::NothingSeen => Fault::from(error).named(name),
+        other => other.into(),
+    })?;
+    warnings.extend(outcome.doubts.iter().map(|doubt| match doubt.is_decisive() {
+        true => format!(
             "{name}: {doubt}; their importances are not used, but with drop_unseen they are"
-        ));
-    }
-    (done.made, done.loss) = (judged.made, judged.loss);
-    done.warnings.extend(done.made.warnings.iter().map(ToString::to_string));
-    let rows = done.made.encoded.rows.take().filter(|_| options.rows);
-    done.rows = rows.map(|rows| rows_of_input(&rows, valid.as_deref(), input));
-    done.seconds = start.elapsed().as_secs_f64();
-    Ok(done)
+        ),
+        false => format!("{name}: {doubt}"),
+    }));
+    warnings.extend(outcome.output.warnings.iter().map(ToString::to_string));
+    let rows = std::mem::take(&mut outcome.output.encoded.rows);
+    let rows = options.rows.then(|| rows_of_input(&rows, valid.as_deref(), input));
+    Ok(Compressed { outcome, rows, invalid, warnings, seconds: start.elapsed().as_secs_f64() })
 }
 
-/// What cameras see of each Gaussian.
-fn seen(scene: &Scene, cameras: &Cameras, done: &mut Done, line: &Line) -> Result<Vec<f32>> {
-    let Cameras { name, list, .. } = cameras;
-    let seen = Visibility::of(scene, list, |done| line.step("importance", done, list.len()))?;
-    match seen.doubt() {
-        Some(doubt) if seen.share == 0.0 => {
-            return Err(Fault::Failed(format!("{name}: {doubt}")));
-        }
-        doubt => done.warnings.extend(doubt.map(|doubt| format!("{name}: {doubt}"))),
-    }
-    done.share_and_unseen = Some((seen.share, seen.unseen()));
-    Ok(seen.weights)
+fn made(encodes: u64, quality: f32, encoded: &Encoded) -> Event {
+    let values = vec![
+        ("quality", quality.into()),
+        ("bytes", encoded.bytes.len() as f64),
+        ("gaussians", encoded.index.header.count as f64),
+    ];
+    Event { stage: "encode".into(), done: encodes, total: 0, values }
 }
 
 /// The rows of all Gaussians of the input, from those of the valid ones; -1 for what is left out.
@@ -196,35 +178,35 @@ fn rows_of_input(rows: &[u32], valid: Option<&[usize]>, input: usize) -> Vec<i64
     all
 }
 
-fn report<'py>(py: Python<'py>, done: &Done, input: usize) -> PyResult<Bound<'py, PyDict>> {
+fn report<'py>(py: Python<'py>, done: &Compressed, input: usize) -> PyResult<Bound<'py, PyDict>> {
     let out = PyDict::new(py);
-    let Done { made, .. } = done;
-    let encoded = &made.encoded;
+    let EncodeOutcome { output, seen, loss, .. } = &done.outcome;
+    let encoded = &output.encoded;
     out.set_item("bytes", encoded.bytes.len())?;
     out.set_item("gaussians", encoded.index.header.count)?;
     out.set_item("input_gaussians", input)?;
     out.set_item("sh_degree", encoded.index.header.sh_degree)?;
-    out.set_item("quality", made.quality)?;
+    out.set_item("quality", output.quality)?;
     for measure in [Measure::Psnr, Measure::Ssimulacra2] {
-        let value = made.measured.filter(|m| m.0 == measure).map(|m| m.1);
+        let value = output.measured.filter(|m| m.0 == measure).map(|m| m.1);
         out.set_item(measure.key(), value)?;
     }
-    let estimate = done.loss.and_then(|loss| {
+    let estimate = loss.and_then(|loss| {
         let psnr = |l: Option<finetune::Likeness>| l.map(|l| l.psnr);
         let [at_cameras, around] = [loss.at_cameras, loss.around].map(psnr);
         loss.worse()
             .map(|l| (l.psnr, l.ssim, l.ssimulacra2, l.views, l.meaning(), at_cameras, around))
     });
     out.set_item("estimate", estimate)?;
-    out.set_item("encodes", made.encodes)?;
+    out.set_item("encodes", output.encodes)?;
     out.set_item("invalid", done.invalid)?;
     out.set_item("transparent", encoded.transparent)?;
     out.set_item("pruned", encoded.pruned)?;
     out.set_item("outliers", encoded.outliers())?;
     out.set_item("left_out", encoded.left_out)?;
-    out.set_item("seen_opacity_share", done.share_and_unseen.map(|s| s.0))?;
-    out.set_item("unseen", done.share_and_unseen.map(|s| s.1))?;
-    out.set_item("missed", made.missed.map(|missed| missed.to_string()))?;
+    out.set_item("seen_opacity_share", seen.map(|s| s.share))?;
+    out.set_item("unseen", seen.map(|s| s.unseen))?;
+    out.set_item("missed", output.missed.map(|missed| missed.to_string()))?;
     out.set_item("warnings", &done.warnings)?;
     out.set_item("seconds", done.seconds)?;
     out.set_item("parts", encoded.parts().into_py_dict(py)?)?;

@@ -51,11 +51,7 @@ impl TuneDict {
     }
 
     fn layout(&self) -> Layout {
-        match (self.lod, self.web) {
-            (_, true) => Layout::Web,
-            (true, _) => Layout::CoarseFirst,
-            _ => Layout::Finest,
-        }
+        Layout::of(self.web, self.lod)
     }
 }
 

@@ -7,7 +7,7 @@
 use std::hint::black_box;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use gsvx::{DecodeOptions, EncodeOptions};
+use gsvx::{CodeOptions, DEFAULT_QUALITY, DecodeOptions, PrepareOptions, Steps};
 
 fn model() -> gs_model::Scene {
     let root = concat!(env!("CARGO_MANIFEST_DIR"), "/../..");
@@ -21,28 +21,27 @@ fn model() -> gs_model::Scene {
     panic!("neither {paths:?} can be read");
 }
 
-fn with(change: impl FnOnce(&mut EncodeOptions)) -> EncodeOptions {
-    let mut options = EncodeOptions::default();
-    change(&mut options);
-    options
-}
-
 fn codec(c: &mut Criterion) {
     let scene = model();
-    let default = EncodeOptions::default();
-    let prepare = || gsvx::prepare(black_box(&scene), &default).expect("a valid scene");
+    let steps = Steps::of_quality(DEFAULT_QUALITY).expect("a quality");
+    let prepare = || {
+        let options = PrepareOptions::default();
+        gsvx::prepare(black_box(&scene), None, DEFAULT_QUALITY, &options).expect("a valid scene")
+    };
     let mut g = c.benchmark_group("codec");
     g.sample_size(10).throughput(Throughput::Elements(scene.len() as u64));
     g.bench_function("yardstick: copy of the model", |b| b.iter(|| black_box(&scene).clone()));
     g.bench_function("prepare", |b| b.iter(prepare));
     let gsvx::Prepared { scene: merged, voxels, importance, .. } = prepare();
-    let default = with(|o| o.importance = Some(importance));
-    let mut lod = default.clone();
-    lod.lod = true;
+    let default = CodeOptions::default();
+    let lod = CodeOptions { lod: true, ..default };
     let mut base = DecodeOptions::default();
     base.max_sh_degree = 0;
     for (name, options) in [("default", &default), ("lod", &lod)] {
-        let encode = || gsvx::encode_voxels(black_box(&merged), voxels.octree(), None, options);
+        let encode = || {
+            let (merged, octree) = (black_box(&merged), voxels.octree());
+            gsvx::encode_voxels(merged, octree, None, Some(&importance), &steps, options)
+        };
         let coded = encode().expect("a valid scene").bytes;
         g.bench_function(format!("encode, {name}"), |b| b.iter(encode));
         g.bench_function(format!("decode, {name}"), |b| b.iter(|| gsvx::decode(black_box(&coded))));

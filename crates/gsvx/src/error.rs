@@ -162,6 +162,10 @@ pub enum Error {
         /// What was asked for.
         option: &'static str,
     },
+    /// An aim at likeness lacks the function that measures it: see [`crate::Encoder::measure_by`].
+    #[cfg(feature = "encode")]
+    #[error("an aim at PSNR or SSIMULACRA2 needs a function that measures it")]
+    NotMeasured,
     /// The caller's progress function ended the work.
     #[cfg(feature = "encode")]
     #[error("cancelled")]

@@ -23,10 +23,10 @@ pub use decode::{
 };
 #[cfg(feature = "encode")]
 pub use encoder::{
-    Aim, Choices, CoarseCells, DEFAULT_QUALITY, EncodeOptions, EncodeProgress, EncodeWarning,
-    Encoded, Encoder, Joined, LEFT_OUT, Leaves, Made, MaxError, Measure, Missed, Plan, Prepared,
-    Preset, Seen, Survey, check_values, default_strategy, encode, encode_lossless, encode_voxels,
-    join, latents, prepare, prune, rate,
+    Aim, Choices, CoarseCells, CodeOptions, DEFAULT_QUALITY, EncodeOptions, EncodeProgress,
+    EncodeWarning, Encoded, Encoder, EncoderOutput, ImportanceFrom, Joined, LEFT_OUT, Leaves,
+    MaxError, Measure, Missed, Plan, PrepareOptions, Prepared, Preset, Survey, check_values,
+    encode, encode_lossless, encode_voxels, join, latents, prepare, prune, rate,
 };
 pub use error::{Error, Result};
 pub use gpcc_lite::{Cube, Leaf, Octree};

@@ -12,7 +12,7 @@
 //! #     opacity_logits: vec![1.0; 50], sh_degree: 0, sh: vec![[0.3; 3]; 50],
 //! #     ..Default::default()
 //! # };
-//! # let stream = gsvx::encode(&scene, &EncodeOptions::default())?.bytes;
+//! # let stream = gsvx::encode(&scene, None, 80.0, &EncodeOptions::default())?.bytes;
 //! let fetch = |range: std::ops::Range<u64>| &stream[range.start as usize..range.end as usize];
 //! let mut reader = Reader::new();
 //! while let Some(range) = reader.head_needs() {

@@ -5,18 +5,19 @@ mod common;
 
 use common::forge::{assemble, damage, head, take_apart, with_checksum};
 use common::with_related_degrees;
-use common::{Rng, decoding, encoding, leaves, scene, voxelized, with_floaters};
+use common::{
+    Rng, decoding, encode, encode_voxels, encoding, leaves, scene, voxelized, with_floaters,
+};
 use gsvx::{
     Decoded, EncodeOptions, Encoded, Error, Index, Kind, Reader, decode, decode_leaves,
-    decode_with, default_max_gaussians, encode, encode_lossless, encode_voxels,
+    decode_with, default_max_gaussians, encode_lossless,
 };
 use std::time::{Duration, Instant};
 use voxel::Strategy;
 
 /// A small stream of several chunks.
 fn small(n: usize) -> Encoded {
-    let mut options = EncodeOptions::from_quality(80.0).unwrap();
-    options.chunk_leaves = leaves(n.div_ceil(3));
+    let options = encoding(|o| o.chunk_leaves = leaves(n.div_ceil(3)));
     let (merged, voxels) = voxelized(&scene(n, 3, 9), &Strategy::paper(3, 9));
     encode_voxels(&merged, voxels.octree(), Some(&scene(2, 3, 1)), &options).unwrap()
 }
@@ -135,11 +136,15 @@ fn damage_in_one_chunk_costs_that_chunk_alone() {
 /// Damage behind valid checksums: what an attacker sends.
 #[test]
 fn damage_behind_valid_checksums_never_panics() {
-    let high = EncodeOptions::from_quality(85.0).unwrap();
     let lod = encoding(|o| (o.lod, o.chunk_leaves) = (true, leaves(40)));
     let streams = [
         (small(120).bytes, 2000),
-        (encode(&with_related_degrees(scene(900, 3, 9)), &high).unwrap().bytes, 200),
+        (
+            encode(&with_related_degrees(scene(900, 3, 9)), &EncodeOptions::default())
+                .unwrap()
+                .bytes,
+            200,
+        ),
         (encode(&with_floaters(scene(700, 1, 9)).0, &lod).unwrap().bytes, 400),
         (encode_lossless(&scene(60, 1, 9), true).unwrap().bytes, 600),
     ];
@@ -403,7 +408,7 @@ fn the_default_limit_admits_a_constant_grid() {
         ..gs_model::Scene::default()
     };
     let mut options = EncodeOptions::default();
-    options.leaves = gsvx::Leaves::Uniform { depth: 6 };
+    options.prepare.leaves = gsvx::Leaves::Uniform { depth: 6 };
     let encoded = encode(&scene, &options).unwrap();
     eprintln!("{n} equal Gaussians: {} bytes", encoded.bytes.len());
     assert_eq!(decode(&encoded.bytes).unwrap().len(), n);

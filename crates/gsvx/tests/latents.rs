@@ -2,7 +2,7 @@
 
 use gs_model::Scene;
 use gsvx::latents::Latents;
-use gsvx::{EncodeOptions, Encoded, Prepared, decode, encode_voxels, prepare};
+use gsvx::{CodeOptions, Encoded, PrepareOptions, Prepared, Steps, decode, encode_voxels, prepare};
 use std::num::NonZeroUsize;
 use testing::{Rng, with_related_degrees};
 
@@ -13,13 +13,25 @@ fn trained_like(n: usize, sh_degree: u8, seed: u64) -> Scene {
 
 fn prepared(n: usize, sh_degree: u8) -> Prepared {
     let scene = trained_like(n, sh_degree, 7);
-    prepare(&scene, &EncodeOptions::from_quality(55.0).unwrap()).unwrap()
+    prepare(&scene, None, 55.0, &PrepareOptions::default()).unwrap()
 }
 
-fn options(p: &Prepared) -> EncodeOptions {
-    let mut options = EncodeOptions::from_quality(50.0).unwrap();
-    options.importance = Some(p.importance.clone());
-    options
+fn steps(quality: f32) -> Steps {
+    Steps::of_quality(quality).unwrap()
+}
+
+fn chunks_of(leaves: usize) -> CodeOptions {
+    CodeOptions { chunk_leaves: NonZeroUsize::new(leaves).unwrap(), ..CodeOptions::default() }
+}
+
+fn latents(p: &Prepared, options: &CodeOptions) -> Latents {
+    let Prepared { scene, voxels, importance, .. } = p;
+    Latents::new(scene, voxels.octree(), importance, steps(50.0), options).unwrap()
+}
+
+fn encoded_as(scene: &Scene, p: &Prepared, options: &CodeOptions) -> Encoded {
+    let importance = Some(&p.importance[..]);
+    encode_voxels(scene, p.voxels.octree(), None, importance, &steps(50.0), options).unwrap()
 }
 
 fn assert_same(a: &Scene, b: &Scene) {
@@ -56,14 +68,12 @@ fn counted_and_coded(latents: &mut Latents, scene: &mut Scene) -> (u64, Encoded)
 fn the_stream_decodes_to_the_scene_of_the_loop() {
     for (n, degree, chunk) in [(3000, 3, 1 << 16), (3000, 2, 700), (500, 1, 512), (1, 0, 512)] {
         let p = prepared(n, degree);
-        let mut options = options(&p);
-        options.chunk_leaves = NonZeroUsize::new(chunk).unwrap();
-        let mut latents = Latents::new(&p.scene, p.voxels.octree(), &options).unwrap();
+        let mut latents = latents(&p, &chunks_of(chunk));
         let mut scene = Scene::default();
         counted_and_coded(&mut latents, &mut scene);
         // Moved values, predictions of the last fit, other steps.
         latents.values_mut().iter_mut().for_each(|v| *v *= 0.97);
-        latents.set_steps(EncodeOptions::from_quality(40.0).unwrap().steps).unwrap();
+        latents.set_steps(steps(40.0)).unwrap();
         assert_eq!(latents.reconstruct(false, None, &mut scene).unwrap(), None);
         let encoded = latents.encode(None).unwrap();
         assert_same(&decode(&encoded.bytes).unwrap(), &as_coded(&scene, &encoded));
@@ -74,13 +84,10 @@ fn the_stream_decodes_to_the_scene_of_the_loop() {
 #[test]
 fn a_coarse_level_comes_first_and_is_counted() {
     let p = prepared(3000, 1);
-    let mut options = options(&p);
-    let plain = {
-        let mut latents = Latents::new(&p.scene, p.voxels.octree(), &options).unwrap();
-        latents.reconstruct(true, None, &mut Scene::default()).unwrap().unwrap()
-    };
-    (options.lod, options.chunk_leaves) = (true, NonZeroUsize::new(300).unwrap());
-    let mut latents = Latents::new(&p.scene, p.voxels.octree(), &options).unwrap();
+    let mut plain = latents(&p, &CodeOptions::default());
+    let plain = plain.reconstruct(true, None, &mut Scene::default()).unwrap().unwrap();
+    let options = CodeOptions { lod: true, ..chunks_of(300) };
+    let mut latents = latents(&p, &options);
     let mut scene = Scene::default();
     let (counted, encoded) = counted_and_coded(&mut latents, &mut scene);
     assert!(counted > plain, "{counted}, {plain} without levels");
@@ -89,7 +96,7 @@ fn a_coarse_level_comes_first_and_is_counted() {
         let chunks = encoded.index.chunks.iter();
         chunks.map(|c| (c.lod, c.first_cell, c.layers[0].crc * u32::from(c.lod > 0))).collect()
     };
-    let theirs = encode_voxels(&scene, p.voxels.octree(), None, &options).unwrap();
+    let theirs = encoded_as(&scene, &p, &options);
     assert_eq!(coarse(&encoded), coarse(&theirs));
     assert!(coarse(&encoded)[0].0 > 0);
 }
@@ -99,7 +106,7 @@ fn outliers_stay_behind_the_leaves() {
     let p = prepared(400, 2);
     let mut outliers = trained_like(3, 2, 9);
     outliers.means.iter_mut().for_each(|m| m[0] += 1e4);
-    let mut latents = Latents::new(&p.scene, p.voxels.octree(), &options(&p)).unwrap();
+    let mut latents = latents(&p, &CodeOptions::default());
     let mut scene = p.scene.clone();
     scene.append(&outliers);
     latents.reconstruct(true, None, &mut scene).unwrap();
@@ -110,11 +117,10 @@ fn outliers_stay_behind_the_leaves() {
 #[test]
 fn the_loop_loses_no_more_than_the_encoder() {
     let p = prepared(2000, 3);
-    let options = options(&p);
-    let mut latents = Latents::new(&p.scene, p.voxels.octree(), &options).unwrap();
+    let mut latents = latents(&p, &CodeOptions::default());
     let mut scene = Scene::default();
     latents.reconstruct(true, None, &mut scene).unwrap();
-    let encoded = encode_voxels(&p.scene, p.voxels.octree(), None, &options).unwrap();
+    let encoded = encoded_as(&p.scene, &p, &CodeOptions::default());
     let error = |s: &Scene| -> f64 {
         let pairs = s.sh.as_flattened().iter().zip(p.scene.sh.as_flattened());
         pairs.map(|(a, b)| f64::from(a - b) * f64::from(a - b)).sum()
@@ -127,7 +133,7 @@ fn the_loop_loses_no_more_than_the_encoder() {
 #[test]
 fn prices_are_the_derivatives_of_the_bits() {
     let p = prepared(3000, 3);
-    let mut latents = Latents::new(&p.scene, p.voxels.octree(), &options(&p)).unwrap();
+    let mut latents = latents(&p, &CodeOptions::default());
     let mut scene = Scene::default();
     let mut prices = vec![0.0; latents.values().len()];
     let first = latents.reconstruct(true, Some(&mut prices), &mut scene).unwrap().unwrap();
@@ -144,14 +150,16 @@ fn prices_are_the_derivatives_of_the_bits() {
 #[test]
 fn what_does_not_fit_is_refused() {
     let p = prepared(300, 1);
-    let mut few = options(&p);
-    few.importance = Some(vec![1.0; 5]);
-    assert!(Latents::new(&p.scene, p.voxels.octree(), &few).is_err());
-    assert!(Latents::new(&trained_like(3, 1, 1), p.voxels.octree(), &options(&p)).is_err());
+    let new = |scene: &Scene, importance: &[f32]| {
+        let options = CodeOptions::default();
+        Latents::new(scene, p.voxels.octree(), importance, steps(50.0), &options)
+    };
+    assert!(new(&p.scene, &[1.0; 5]).is_err());
+    assert!(new(&trained_like(3, 1, 1), &p.importance).is_err());
     let mut broken = p.scene.clone();
     broken.sh[4][1] = f32::NAN;
-    assert!(Latents::new(&broken, p.voxels.octree(), &options(&p)).is_err());
-    let mut latents = Latents::new(&p.scene, p.voxels.octree(), &options(&p)).unwrap();
+    assert!(new(&broken, &p.importance).is_err());
+    let mut latents = new(&p.scene, &p.importance).unwrap();
     let mut steps = latents.steps();
     steps.dc = 0.0;
     assert!(latents.set_steps(steps).is_err());

@@ -3,9 +3,11 @@
 
 mod common;
 
-use common::{decoding, encoding, leaves, on_threads, room, scene, trained_scene, with_floaters};
+use common::{
+    decoding, encode, encoding, leaves, on_threads, room, scene, trained_scene, with_floaters,
+};
 use gs_model::Scene;
-use gsvx::{Encoded, Kind, decode, decode_leaves, decode_with, encode};
+use gsvx::{Encoded, Kind, decode, decode_leaves, decode_with};
 
 /// The last byte of the coarsest level.
 fn end_of_coarsest(encoded: &Encoded) -> usize {

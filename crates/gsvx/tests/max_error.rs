@@ -6,14 +6,12 @@ mod common;
 use common::scene;
 use gs_model::Scene;
 use gsvx::covariance::coordinates;
-use gsvx::{EncodeOptions, Encoded, Error, Kind, MaxError, decode, encode};
+use gsvx::{Aim, EncodeOptions, Encoded, Encoder, Error, Kind, MaxError, decode};
 use proptest::prelude::*;
 use std::path::Path;
 
 fn bounded(scene: &Scene, bounds: MaxError) -> Encoded {
-    let mut options = EncodeOptions::default();
-    options.max_error = Some(bounds);
-    encode(scene, &options).unwrap()
+    Encoder::new(Aim::MaxError(bounds)).encode(scene, None).unwrap().encoded
 }
 
 /// Whether Gaussian `k` of `b` may stand for Gaussian `i` of `a`.
@@ -124,10 +122,10 @@ proptest! {
 }
 
 #[test]
-fn quality_100_merged_gaussians_and_let_large_errors_through() {
+fn bounds_are_kept_where_quality_100_breaks_them() {
     let room = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/room/point_cloud.ply");
     let (scene, _) = gs_model::ply::read(&room).unwrap();
-    let best = encode(&scene, &EncodeOptions::from_quality(100.0).unwrap()).unwrap();
+    let best = gsvx::encode(&scene, None, 100.0, &EncodeOptions::default()).unwrap();
     let decoded = decode(&best.bytes).unwrap();
     let loose = MaxError { mean: 1.0, opacity: 0.05, shape: 0.5, sh: 0.2 };
     assert!(unmatched(&scene, &decoded, &loose) > 0, "the best quality has no bounds");
@@ -179,9 +177,8 @@ fn scenes_that_no_octree_holds_are_exact() {
 #[test]
 fn a_bound_that_no_number_holds_is_refused() {
     for bad in [0.0, -1.0, f32::NAN, f32::INFINITY] {
-        let mut options = EncodeOptions::default();
-        options.max_error = Some(MaxError { shape: bad, ..MaxError::all(0.01) });
-        let error = encode(&scene(3, 0, 1), &options).unwrap_err();
+        let aim = Aim::MaxError(MaxError { shape: bad, ..MaxError::all(0.01) });
+        let error = Encoder::new(aim).encode(&scene(3, 0, 1), None).unwrap_err();
         assert!(matches!(error, Error::Option { option: "bound on the shape", .. }), "{error}");
     }
 }
@@ -189,11 +186,12 @@ fn a_bound_that_no_number_holds_is_refused() {
 #[test]
 fn other_options_keep_their_meaning() {
     let scene = scene(900, 3, 2);
-    let mut options = EncodeOptions::default();
-    options.max_error = Some(MaxError::all(0.01));
-    options.max_sh_degree = 1;
-    options.lod = true;
-    let encoded = encode(&scene, &options).unwrap();
+    let encode = || {
+        let mut encoder = Encoder::new(Aim::MaxError(MaxError::all(0.01)));
+        (encoder.options.code.max_sh_degree, encoder.options.code.lod) = (1, true);
+        encoder.encode(&scene, None).unwrap().encoded
+    };
+    let encoded = encode();
     let mut less = scene.clone();
     less.cut_sh(1);
     let decoded = decode(&encoded.bytes).unwrap();
@@ -202,5 +200,5 @@ fn other_options_keep_their_meaning() {
     assert_eq!(unmatched(&less, &decoded, &MaxError::all(0.01)), 0);
     // The same bytes for any number of threads.
     let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap();
-    assert_eq!(pool.install(|| encode(&scene, &options)).unwrap(), encoded);
+    assert_eq!(pool.install(encode), encoded);
 }

@@ -3,10 +3,10 @@
 
 mod common;
 
-use common::{bits, encoding, scene};
+use common::{bits, encode, scene};
 use gs_model::{LEAST_DRAWN_LOGIT, Scene};
 use gsvx::{
-    Aim, EncodeOptions, EncodeWarning, Encoder, LEFT_OUT, MaxError, decode, encode, encode_lossless,
+    Aim, EncodeOptions, EncodeWarning, Encoder, LEFT_OUT, MaxError, decode, encode_lossless,
 };
 
 /// A scene, and the same with as many transparent Gaussians between its own.
@@ -25,23 +25,27 @@ fn with_transparent(n: usize) -> (Scene, Scene) {
 #[test]
 fn transparent_gaussians_take_no_bytes_and_have_no_row() {
     let (drawn, all) = with_transparent(2000);
-    let options = encoding(|o| o.rows = true);
+    let mut options = EncodeOptions::default();
     let (alone, encoded) = (encode(&drawn, &options).unwrap(), encode(&all, &options).unwrap());
     assert!(encoded.bytes == alone.bytes && encoded.transparent == 2000 && encoded.pruned == 0);
-    let rows = alone.rows.unwrap().into_iter().flat_map(|row| [LEFT_OUT, row]);
-    assert!(encoded.rows.unwrap().into_iter().eq(rows));
+    let rows = alone.rows.into_iter().flat_map(|row| [LEFT_OUT, row]);
+    assert!(encoded.rows.into_iter().eq(rows));
     // With importances and pruning too.
-    let seen = |n: usize| Some((0..n).map(|i| (i / (n / 2000) % 7) as f32).collect());
-    let pruned = |n| encoding(|o| (o.importance, o.prune) = (seen(n), 0.25));
-    let (alone, encoded) =
-        (encode(&drawn, &pruned(2000)).unwrap(), encode(&all, &pruned(4000)).unwrap());
+    options.prepare.prune = 0.25;
+    let pruned = |scene: &Scene| {
+        let n = scene.len();
+        let seen: Vec<f32> = (0..n).map(|i| (i / (n / 2000) % 7) as f32).collect();
+        gsvx::encode(scene, Some(&seen), 80.0, &options).unwrap()
+    };
+    let (alone, encoded) = (pruned(&drawn), pruned(&all));
     assert!(encoded.bytes == alone.bytes && encoded.pruned == 500 && encoded.transparent == 2000);
 }
 
 #[test]
 fn bounds_on_errors_and_lossless_coding_keep_transparent_gaussians() {
     let (_, all) = with_transparent(300);
-    let bounded = encode(&all, &encoding(|o| o.max_error = Some(MaxError::all(0.05)))).unwrap();
+    let bounded =
+        Encoder::new(Aim::MaxError(MaxError::all(0.05))).encode(&all, None).unwrap().encoded;
     assert_eq!((decode(&bounded.bytes).unwrap().len(), bounded.transparent), (600, 0));
     let lossless = encode_lossless(&all, true).unwrap();
     let back = decode(&lossless.bytes).unwrap();
@@ -52,7 +56,7 @@ fn bounds_on_errors_and_lossless_coding_keep_transparent_gaussians() {
 fn a_scene_of_transparent_gaussians_alone_is_an_empty_stream_with_a_warning() {
     let mut all = scene(50, 1, 3);
     all.opacity_logits.fill(-6.0);
-    let made = Encoder::new(Aim::Quality(50.0)).encode(&all).unwrap();
+    let made = Encoder::new(Aim::Quality(50.0)).encode(&all, None).unwrap();
     assert!(decode(&made.encoded.bytes).unwrap().is_empty());
     assert_eq!(made.warnings, [EncodeWarning::AllTransparent(50)]);
 }

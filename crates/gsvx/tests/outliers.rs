@@ -3,9 +3,9 @@
 
 mod common;
 
-use common::{bits, decoding, encoding, scene, voxelized, with_floaters};
+use common::{bits, decoding, encode, encode_voxels, encoding, scene, voxelized, with_floaters};
 use gs_model::Scene;
-use gsvx::{EncodeOptions, Error, Kind, decode, decode_with, encode, encode_voxels};
+use gsvx::{EncodeOptions, Error, Kind, decode, decode_with};
 use voxel::Strategy;
 
 #[test]
@@ -55,9 +55,11 @@ fn importances_of_outliers_are_left_out() {
     let (scene, at) = with_floaters(scene(500, 1, 8));
     let importance: Vec<f32> = (0..scene.len()).map(|i| 1.0 + (i % 7) as f32).collect();
     let inside: Vec<usize> = (0..scene.len()).filter(|i| !at.contains(i)).collect();
-    let rest = inside.iter().map(|&i| importance[i]).collect();
-    let all = encode(&scene, &encoding(|o| o.importance = Some(importance))).unwrap();
-    let alone = encode(&scene.select(&inside), &encoding(|o| o.importance = Some(rest))).unwrap();
+    let rest: Vec<f32> = inside.iter().map(|&i| importance[i]).collect();
+    let encode = |scene: &Scene, importance: &[f32]| {
+        gsvx::encode(scene, Some(importance), 80.0, &EncodeOptions::default()).unwrap()
+    };
+    let (all, alone) = (encode(&scene, &importance), encode(&scene.select(&inside), &rest));
     let n = alone.index.chunks.len();
     let layers =
         |e: &gsvx::Encoded| e.index.chunks[..n].iter().map(|c| c.layers[0].crc).collect::<Vec<_>>();

@@ -2,7 +2,9 @@
 #![cfg(feature = "encode")]
 
 use gs_model::Scene;
-use gsvx::{Choices, EncodeOptions, Error, Index, Plan, Seen, Survey, join};
+use gsvx::{
+    Choices, CodeOptions, EncodeOptions, Error, ImportanceFrom, Index, Plan, Survey, encode, join,
+};
 use std::num::NonZeroUsize;
 
 /// A dense part, a wide one, and one far away, mixed in the order of the scene.
@@ -22,7 +24,8 @@ fn city(len: usize) -> Scene {
 
 fn choices(quality: f32) -> Choices {
     let chunk_leaves = NonZeroUsize::new(20_000).unwrap();
-    Choices { quality, max_sh_degree: 3, chunk_leaves, seen: Seen::Guessed, lod: false }
+    let code = CodeOptions { chunk_leaves, ..CodeOptions::default() };
+    Choices { quality, importance: ImportanceFrom::Guess, code }
 }
 
 /// A plan, from a scene that arrives in pieces, and the Gaussians of each tile.
@@ -32,7 +35,7 @@ fn planned(scene: &Scene, choices: Choices) -> (Plan, Vec<Scene>) {
         scene.select(&(first..last).collect::<Vec<_>>())
     };
     let pieces: Vec<Scene> = (0..scene.len()).step_by(70_001).map(piece).collect();
-    let mut survey = Survey::new(choices.max_sh_degree);
+    let mut survey = Survey::new(choices.code.max_sh_degree);
     pieces.iter().rev().for_each(|p| survey.add(p));
     let mut plan = Plan::new::<Error>(&survey, choices, |take| {
         pieces.iter().rev().for_each(|p| take(&p.means));
@@ -63,7 +66,9 @@ fn joined(streams: &[Vec<u8>]) -> Vec<u8> {
 #[test]
 fn tiles_joined_are_the_scene_in_memory() {
     for lod in [false, true] {
-        tiles_joined_are_the_scene(Choices { lod, ..choices(60.0) });
+        let mut choices = choices(60.0);
+        choices.code.lod = lod;
+        tiles_joined_are_the_scene(choices);
     }
 }
 
@@ -73,14 +78,13 @@ fn tiles_joined_are_the_scene(choices: Choices) {
     assert!(tiles.len() >= 3, "{} tiles", tiles.len());
     let streams: Vec<Vec<u8>> =
         tiles.iter().enumerate().map(|(t, s)| plan.encode(t, s, &[]).unwrap().bytes).collect();
-    let mut options = EncodeOptions::from_quality(60.0).unwrap();
-    (options.chunk_leaves, options.lod) = (choices.chunk_leaves, choices.lod);
-    let whole = gsvx::encode(&scene, &options).unwrap();
+    let options = EncodeOptions { code: choices.code, ..EncodeOptions::default() };
+    let whole = encode(&scene, None, 60.0, &options).unwrap();
     assert!(joined(&streams) == whole.bytes);
     assert_eq!(gsvx::decode(&whole.bytes).unwrap().len() as u64, whole.index.header.count);
     // Each level has about a ninth of the Gaussians of the next finer, in chunks that nest.
     let index = &whole.index;
-    assert_eq!(index.coarsest_lod(), if choices.lod { 2 } else { 0 });
+    assert_eq!(index.coarsest_lod(), if choices.code.lod { 2 } else { 0 });
     let leaves = |lod| index.chunks_of_lod(lod).map(|c| index.chunks[c].count).sum::<u64>();
     for lod in 0..index.coarsest_lod() {
         let (fine, coarse) = (leaves(lod), leaves(lod + 1));
@@ -104,9 +108,8 @@ fn a_scene_of_one_tile_is_planned_too() {
         let scene = city(len);
         let (plan, tiles) = planned(&scene, choices(40.0));
         let stream = plan.encode(0, &tiles[0], &[]).unwrap().bytes;
-        let mut options = EncodeOptions::from_quality(40.0).unwrap();
-        options.chunk_leaves = choices(40.0).chunk_leaves;
-        let whole = gsvx::encode(&scene, &options).unwrap().bytes;
+        let options = EncodeOptions { code: choices(40.0).code, ..EncodeOptions::default() };
+        let whole = encode(&scene, None, 40.0, &options).unwrap().bytes;
         assert!(stream == whole, "{len}");
         assert!(joined(&[stream]) == whole, "{len}");
     }
@@ -115,9 +118,9 @@ fn a_scene_of_one_tile_is_planned_too() {
 #[test]
 fn what_does_not_belong_together_is_not_joined() {
     let index = |scene: &Scene, quality: f32, lod: bool| {
-        let mut options = EncodeOptions::from_quality(quality).unwrap();
-        options.lod = lod;
-        gsvx::encode(scene, &options).unwrap().index
+        let mut options = EncodeOptions::default();
+        options.code.lod = lod;
+        encode(scene, None, quality, &options).unwrap().index
     };
     let scene = city(600);
     let one = index(&scene, 50.0, false);

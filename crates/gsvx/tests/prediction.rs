@@ -4,17 +4,18 @@
 mod common;
 
 use common::forge::{assemble, take_apart};
-use common::{Rng, decoding, leaves, on_threads, scene, voxelized, with_related_degrees};
+use common::{Rng, decoding, leaves, on_threads, scene, steps, voxelized, with_related_degrees};
 use gs_model::Scene;
-use gsvx::{EncodeOptions, Error, decode, decode_with, encode_voxels};
+use gsvx::{CodeOptions, Encoded, Error, decode, decode_with, encode_voxels};
 use voxel::{Strategy, Voxelization};
 
 fn related(n: usize) -> (Scene, Voxelization) {
     voxelized(&with_related_degrees(scene(n, 3, 3)), &Strategy::Uniform { depth: 12 })
 }
 
-fn options() -> EncodeOptions {
-    EncodeOptions::from_quality(85.0).unwrap()
+/// A stream of quality 85.
+fn encoded(scene: &Scene, voxels: &Voxelization, options: &CodeOptions) -> Encoded {
+    encode_voxels(scene, voxels.octree(), None, None, &steps(85.0), options).unwrap()
 }
 
 /// The first bytes of the layers of degrees 2 and 3: 0 where nothing is predicted.
@@ -44,10 +45,9 @@ fn degrees_that_follow_from_others_are_smaller_at_the_same_error() {
         shuffled.sh[16 * i + 9..16 * i + 16].copy_from_slice(&merged.sh_of(from)[9..]);
     }
     for uniform_precision in [false, true] {
-        let mut options = options();
-        options.uniform_precision = uniform_precision;
+        let options = CodeOptions { uniform_precision, ..CodeOptions::default() };
         let coded = |scene: &Scene| {
-            let encoded = encode_voxels(scene, voxels.octree(), None, &options).unwrap();
+            let encoded = encoded(scene, &voxels, &options);
             let layers = &encoded.index.chunks[0].layers[2..];
             let size: u64 = layers.iter().map(|l| l.len).sum();
             let error = rms(&decode(&encoded.bytes).unwrap(), scene);
@@ -65,14 +65,14 @@ fn degrees_that_follow_from_others_are_smaller_at_the_same_error() {
 #[test]
 fn nothing_is_predicted_where_it_does_not_pay() {
     let (merged, voxels) = voxelized(&scene(3000, 3, 3), &Strategy::Uniform { depth: 12 });
-    let bytes = encode_voxels(&merged, voxels.octree(), None, &options()).unwrap().bytes;
+    let bytes = encoded(&merged, &voxels, &CodeOptions::default()).bytes;
     assert_eq!(run_lengths(&bytes), [0, 0]);
 }
 
 #[test]
 fn degrees_below_do_not_need_what_follows() {
     let (merged, voxels) = related(3000);
-    let bytes = encode_voxels(&merged, voxels.octree(), None, &options()).unwrap().bytes;
+    let bytes = encoded(&merged, &voxels, &CodeOptions::default()).bytes;
     let full = decode(&bytes).unwrap();
     for max_sh_degree in 0..3 {
         let part = decode_with(&bytes, &decoding(|o| o.max_sh_degree = max_sh_degree)).unwrap();
@@ -91,11 +91,10 @@ fn degrees_below_do_not_need_what_follows() {
 #[test]
 fn any_thread_count_gives_the_same_bytes_and_floats() {
     let (merged, voxels) = related(9000);
-    let mut options = options();
-    options.chunk_leaves = leaves(4600);
+    let options = CodeOptions { chunk_leaves: leaves(4600), ..CodeOptions::default() };
     let at = |threads: usize| {
         on_threads(threads, || {
-            let bytes = encode_voxels(&merged, voxels.octree(), None, &options).unwrap().bytes;
+            let bytes = encoded(&merged, &voxels, &options).bytes;
             let scene = decode(&bytes).unwrap();
             (bytes, scene)
         })
@@ -111,7 +110,7 @@ fn any_thread_count_gives_the_same_bytes_and_floats() {
 #[test]
 fn damaged_factors_are_refused_or_finite() {
     let (merged, voxels) = related(900);
-    let bytes = encode_voxels(&merged, voxels.octree(), None, &options()).unwrap().bytes;
+    let bytes = encoded(&merged, &voxels, &CodeOptions::default()).bytes;
     assert!(run_lengths(&bytes).iter().all(|&b| b != 0));
     let (index, good) = take_apart(&bytes);
     let forged = |change: &dyn Fn(&mut Vec<u8>)| {

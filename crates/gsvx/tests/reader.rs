@@ -3,9 +3,9 @@
 
 mod common;
 
-use common::{Rng, decoding, encoding, leaves, scene, trained_scene, with_floaters};
+use common::{Rng, decoding, encode, encoding, leaves, scene, trained_scene, with_floaters};
 use gs_model::Scene;
-use gsvx::{Decoder, EncodeOptions, Encoded, Error, Reader, decode, decode_with, encode};
+use gsvx::{CodeOptions, Decoder, EncodeOptions, Encoded, Error, Reader, decode, decode_with};
 use std::ops::Range;
 use std::sync::Mutex;
 
@@ -235,7 +235,7 @@ fn by_blocks(bytes: &[u8], options: &gsvx::DecodeOptions) -> Scene {
 fn blocks_are_the_scene() {
     let (floaters, _) = with_floaters(scene(3000, 2, 4));
     let coded =
-        |change: &dyn Fn(&mut EncodeOptions)| encode(&floaters, &encoding(change)).unwrap().bytes;
+        |change: &dyn Fn(&mut CodeOptions)| encode(&floaters, &encoding(change)).unwrap().bytes;
     let streams = [
         coded(&|_| ()),
         coded(&|o| o.chunk_leaves = leaves(700)),

@@ -3,27 +3,24 @@
 
 mod common;
 
-use common::{encoding, leaves, on_threads, scene, spread, voxelized, with_floaters};
+use common::{
+    encode, encode_voxels, encoding, leaves, on_threads, scene, spread, steps, voxelized,
+    with_floaters,
+};
 use gs_model::Scene;
 use gsvx::covariance::coordinates;
 use gsvx::{
-    DecodeOptions, EncodeOptions, Error, MaxError, decode, decode_leaves, decode_with, encode,
-    encode_voxels, importance,
+    Aim, DecodeOptions, EncodeOptions, Encoded, Encoder, Error, MaxError, Steps, decode,
+    decode_leaves, decode_with, importance,
 };
-use voxel::Strategy;
-
-fn at(quality: f32, change: impl FnOnce(&mut EncodeOptions)) -> EncodeOptions {
-    let mut options = EncodeOptions::from_quality(quality).unwrap();
-    change(&mut options);
-    options
-}
+use voxel::{Strategy, Voxelization};
 
 fn modes() -> Vec<(&'static str, EncodeOptions)> {
     vec![
-        ("default", at(70.0, |_| ())),
-        ("uniform precision", at(70.0, |o| o.uniform_precision = true)),
-        ("chunks", at(70.0, |o| o.chunk_leaves = leaves(100))),
-        ("levels of detail", at(70.0, |o| (o.lod, o.chunk_leaves) = (true, leaves(100)))),
+        ("default", encoding(|_| ())),
+        ("uniform precision", encoding(|o| o.uniform_precision = true)),
+        ("chunks", encoding(|o| o.chunk_leaves = leaves(100))),
+        ("levels of detail", encoding(|o| (o.lod, o.chunk_leaves) = (true, leaves(100)))),
     ]
 }
 
@@ -58,8 +55,8 @@ fn every_mode_keeps_leaves_and_stays_finite() {
 }
 
 /// Errors of a decoded scene, by attribute, in quantisation steps.
-fn errors_in_steps(a: &Scene, b: &Scene, options: &EncodeOptions) -> Vec<(String, Vec<f64>)> {
-    let (n, steps) = (a.len(), &options.steps);
+fn errors_in_steps(a: &Scene, b: &Scene, steps: &Steps) -> Vec<(String, Vec<f64>)> {
+    let n = a.len();
     let log_alpha = |l: f32| -libm::log1p(libm::exp(-f64::from(l)));
     let opacity = (0..n).map(|i| log_alpha(a.opacity_logits[i]) - log_alpha(b.opacity_logits[i]));
     let mut out = vec![("opacity".to_string(), steps.opacity, opacity.collect::<Vec<_>>())];
@@ -93,9 +90,10 @@ fn errors_shrink_with_quality_and_respect_the_steps() {
             if predicted { common::with_related_degrees(merged.clone()) } else { merged.clone() };
         let mut last = vec![f64::INFINITY; 6];
         for quality in [20.0, 50.0, 80.0, 100.0] {
-            let options = at(quality, |o| o.uniform_precision = true);
-            let bytes = encode_voxels(&merged, voxels.octree(), None, &options).unwrap().bytes;
-            let mut back = decode(&bytes).unwrap();
+            let (steps, options) = (steps(quality), encoding(|o| o.uniform_precision = true));
+            let coded =
+                gsvx::encode_voxels(&merged, voxels.octree(), None, None, &steps, &options.code);
+            let mut back = decode(&coded.unwrap().bytes).unwrap();
             // Degrees that are left out are zero.
             let missing = merged.sh_len() - back.sh_len();
             if missing > 0 {
@@ -104,13 +102,13 @@ fn errors_shrink_with_quality_and_respect_the_steps() {
                     .collect();
                 (back.sh, back.sh_degree) = (sh, 3);
             }
-            let errors = errors_in_steps(&merged, &back, &options);
+            let errors = errors_in_steps(&merged, &back, &steps);
             for ((name, errors), last) in errors.into_iter().zip(&mut last) {
                 let error = spread(errors);
                 let what = format!("{name}, quality {quality}: {} {}", error.rms, error.largest);
                 assert!(error.rms <= 2.0 / 12f64.sqrt(), "{what}");
                 assert!(error.largest <= 4.0, "{what}");
-                let absolute = error.rms * f64::from(options.steps.dc);
+                let absolute = error.rms * f64::from(steps.dc);
                 // Equal where both qualities leave the degree out.
                 assert!(absolute <= *last * (1.0 + 1e-6), "{what}");
                 assert!(absolute < *last || quality < 80.0, "{what}");
@@ -141,7 +139,7 @@ fn any_thread_count_gives_the_same_bytes_and_floats() {
 #[test]
 fn fewer_sh_degrees_are_a_prefix() {
     let (merged, voxels) = voxelized(&scene(500, 3, 5), &Strategy::Uniform { depth: 9 });
-    let options = at(80.0, |o| o.chunk_leaves = leaves(150));
+    let options = encoding(|o| o.chunk_leaves = leaves(150));
     let bytes = encode_voxels(&merged, voxels.octree(), None, &options).unwrap().bytes;
     let full = decode(&bytes).unwrap();
     assert_eq!(full.sh_degree, 3);
@@ -153,7 +151,7 @@ fn fewer_sh_degrees_are_a_prefix() {
             assert_eq!(part.scene.sh_of(i), &full.sh_of(i)[..part.scene.sh_len()]);
         }
     }
-    let options = at(80.0, |o| o.max_sh_degree = 1);
+    let options = encoding(|o| o.max_sh_degree = 1);
     let bytes = encode_voxels(&merged, voxels.octree(), None, &options).unwrap().bytes;
     assert_eq!(decode(&bytes).unwrap().sh_degree, 1);
 }
@@ -164,18 +162,22 @@ fn degrees_that_are_zero_are_left_out() {
     let (mut merged, voxels) = voxelized(&scene(500, 3, 5), &Strategy::Uniform { depth: 11 });
     let k = merged.sh_len();
     merged.sh.chunks_exact_mut(k).for_each(|sh| sh[9..].fill([0.0; 3]));
-    let degree = |options: &EncodeOptions| {
-        let bytes = encode_voxels(&merged, voxels.octree(), None, options).unwrap().bytes;
-        decode(&bytes).unwrap().sh_degree
+    let degree = |sh: [f32; 3]| {
+        let options = encoding(|o| o.chunk_leaves = leaves(200)).code;
+        let steps = Steps { sh, ..steps(70.0) };
+        let coded = gsvx::encode_voxels(&merged, voxels.octree(), None, None, &steps, &options);
+        decode(&coded.unwrap().bytes).unwrap().sh_degree
     };
-    let options = at(70.0, |o| o.chunk_leaves = leaves(200));
-    assert_eq!(degree(&options), 2);
+    let sh = steps(70.0).sh;
+    assert_eq!(degree(sh), 2);
     // A degree that quantises to zero is left out too, unless a higher one does not.
-    let mut coarse = options.clone();
-    coarse.steps.sh = [options.steps.sh[0], 1e6, 1e6];
-    assert_eq!(degree(&coarse), 1);
-    coarse.steps.sh = [1e6, options.steps.sh[1], 1e6];
-    assert_eq!(degree(&coarse), 2);
+    assert_eq!(degree([sh[0], 1e6, 1e6]), 1);
+    assert_eq!(degree([1e6, sh[1], 1e6]), 2);
+}
+
+fn by_importance(scene: &Scene, voxels: &Voxelization, given: &[f32]) -> gsvx::Result<Encoded> {
+    let options = EncodeOptions::default().code;
+    gsvx::encode_voxels(scene, voxels.octree(), None, Some(given), &steps(80.0), &options)
 }
 
 #[test]
@@ -184,9 +186,7 @@ fn importance_makes_a_gaussian_more_precise() {
     // Every other Gaussian is 4096 times as important.
     let given: Vec<f32> =
         (0..merged.len()).map(|i| if i % 2 == 0 { 4096.0 } else { 1.0 }).collect();
-    let options = at(50.0, |o| o.importance = Some(given));
-    let bytes = encode_voxels(&merged, voxels.octree(), None, &options).unwrap().bytes;
-    let back = decode(&bytes).unwrap();
+    let back = decode(&by_importance(&merged, &voxels, &given).unwrap().bytes).unwrap();
     let error = |odd: usize| {
         let of = (odd..merged.len()).step_by(2);
         spread(
@@ -201,15 +201,13 @@ fn importance_makes_a_gaussian_more_precise() {
 #[test]
 fn importance_is_guessed_where_none_is_given() {
     let (merged, voxels) = voxelized(&scene(600, 1, 3), &Strategy::Uniform { depth: 12 });
-    let coded = |options: &EncodeOptions| {
-        encode_voxels(&merged, voxels.octree(), None, options).unwrap().bytes
-    };
     let guess = importance::without_cameras(&merged);
-    let guessed = coded(&encoding(|o| o.importance = Some(guess)));
-    assert!(coded(&EncodeOptions::default()) == guessed);
+    let options = EncodeOptions::default();
+    let guessed = encode_voxels(&merged, voxels.octree(), None, &options).unwrap();
+    assert!(by_importance(&merged, &voxels, &guess).unwrap() == guessed);
     // Values that are no importance count as 0.
     let broken = vec![f32::NAN; merged.len()];
-    assert!(decode(&coded(&encoding(|o| o.importance = Some(broken)))).is_ok());
+    assert!(decode(&by_importance(&merged, &voxels, &broken).unwrap().bytes).is_ok());
 }
 
 /// `encode_voxels` panicked on too few importances and took too many.
@@ -219,12 +217,11 @@ fn importances_of_another_length_are_refused() {
     let plain = scene(300, 1, 5);
     let (merged, voxels) = voxelized(&plain, &Strategy::Uniform { depth: 12 });
     for n in [0, 1, 299, 301] {
-        let options = encoding(|o| o.importance = Some(vec![1.0; n]));
-        for refused in [
-            encode(&plain, &options),
-            encode(&floaters, &options),
-            encode_voxels(&merged, voxels.octree(), None, &options),
-        ] {
+        let given = vec![1.0; n];
+        let encode =
+            |scene: &Scene| gsvx::encode(scene, Some(&given), 80.0, &EncodeOptions::default());
+        for refused in [encode(&plain), encode(&floaters), by_importance(&merged, &voxels, &given)]
+        {
             assert!(matches!(refused, Err(Error::Length { .. })), "{n}");
         }
     }
@@ -260,14 +257,15 @@ fn misfits_are_errors() {
     let short = merged.select(&[0, 1, 2]);
     assert!(matches!(encode(&short), Err(Error::Length { .. })));
     for quality in [f32::NAN, -1.0, 101.0] {
-        assert!(matches!(EncodeOptions::from_quality(quality), Err(Error::Option { .. })));
-        let options = encoding(|o| o.quality = quality);
-        assert!(matches!(gsvx::encode(&merged, &options), Err(Error::Option { .. })), "{quality}");
+        let refused = gsvx::encode(&merged, None, quality, &options);
+        assert!(matches!(refused, Err(Error::Option { .. })), "{quality}");
     }
     for step in [0.0, -1.0, f32::NAN, f32::INFINITY, 1e-40] {
         for k in 0..2 {
-            let options = encoding(|o| *[&mut o.steps.dc, &mut o.steps.sh[2]][k] = step);
-            let refused = encode_voxels(&merged, voxels.octree(), None, &options);
+            let mut steps = steps(80.0);
+            *[&mut steps.dc, &mut steps.sh[2]][k] = step;
+            let code = &options.code;
+            let refused = gsvx::encode_voxels(&merged, voxels.octree(), None, None, &steps, code);
             assert!(matches!(refused, Err(Error::Option { .. })), "a step of {step}");
         }
     }
@@ -367,11 +365,11 @@ fn every_stream_says_whether_its_scene_is_antialiased_and_what_its_origin_is() {
         ..with_floaters(scene(300, 1, 3)).0
     };
     let plain = EncodeOptions::default();
-    let mut bounded = plain.clone();
-    bounded.max_error = Some(MaxError { mean: 0.01, opacity: 0.01, shape: 0.1, sh: 0.1 });
-    let mut levels = plain.clone();
-    (levels.lod, levels.prune) = (true, 0.1);
-    let mut all = [plain, bounded, levels].map(|o| encode(&scene, &o).unwrap().bytes).to_vec();
+    let mut levels = encoding(|o| o.lod = true);
+    levels.prepare.prune = 0.1;
+    let mut all = [plain, levels].map(|o| encode(&scene, &o).unwrap().bytes).to_vec();
+    let bounds = MaxError { mean: 0.01, opacity: 0.01, shape: 0.1, sh: 0.1 };
+    all.push(Encoder::new(Aim::MaxError(bounds)).encode(&scene, None).unwrap().encoded.bytes);
     all.push(gsvx::encode_lossless(&scene, true).unwrap().bytes);
     all.push(encode(&scene.emptied(1), &EncodeOptions::default()).unwrap().bytes);
     for (i, stream) in all.iter().enumerate() {

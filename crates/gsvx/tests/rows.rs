@@ -3,17 +3,14 @@
 
 mod common;
 
-use common::{bits, encoding, scene, with_floaters};
-use gsvx::{EncodeOptions, LEFT_OUT, MaxError, decode, encode, encode_lossless};
+use common::{bits, encode, scene, with_floaters};
+use gsvx::{Aim, EncodeOptions, Encoder, LEFT_OUT, MaxError, decode, encode_lossless};
 
 #[test]
 fn rows_lead_to_the_gaussians_that_the_input_became() {
     let (scene, outliers) = with_floaters(scene(3000, 1, 8));
-    let options = encoding(|o| o.rows = true);
-    let encoded = encode(&scene, &options).unwrap();
-    let plain = encode(&scene, &EncodeOptions::default()).unwrap();
-    assert_eq!((&plain.bytes, &plain.rows), (&encoded.bytes, &None));
-    let (rows, back) = (encoded.rows.unwrap(), decode(&encoded.bytes).unwrap());
+    let encoded = encode(&scene, &EncodeOptions::default()).unwrap();
+    let (rows, back) = (encoded.rows, decode(&encoded.bytes).unwrap());
     assert_eq!(rows.len(), scene.len());
     let mut members = vec![0u32; back.len()];
     for (i, &row) in rows.iter().enumerate() {
@@ -36,25 +33,20 @@ fn rows_lead_to_the_gaussians_that_the_input_became() {
 #[test]
 fn gaussians_that_no_camera_sees_have_no_row() {
     let scene = scene(2000, 0, 9);
-    let importance = (0..scene.len()).map(|i| if i % 2 == 0 { 1.0 } else { 0.0 }).collect();
-    let encoded = encode(
-        &scene,
-        &encoding(|o| {
-            (o.importance, o.drop_unseen, o.rows) = (Some(importance), true, true);
-        }),
-    )
-    .unwrap();
-    let rows = encoded.rows.unwrap();
-    let left_out = rows.iter().filter(|&&row| row == LEFT_OUT).count();
+    let importance: Vec<f32> = (0..scene.len()).map(|i| (i % 2) as f32).collect();
+    let mut options = EncodeOptions::default();
+    options.prepare.drop_unseen = true;
+    let encoded = gsvx::encode(&scene, Some(&importance), 80.0, &options).unwrap();
+    let left_out = encoded.rows.iter().filter(|&&row| row == LEFT_OUT).count();
     assert!(left_out > 0 && left_out == encoded.left_out);
 }
 
 #[test]
 fn with_bounds_on_errors_each_gaussian_has_a_row_of_its_own() {
     let (scene, outliers) = with_floaters(scene(1000, 1, 11));
-    let options = encoding(|o| (o.max_error, o.rows) = (Some(MaxError::all(0.05)), true));
-    let encoded = encode(&scene, &options).unwrap();
-    let (rows, back) = (encoded.rows.unwrap(), decode(&encoded.bytes).unwrap());
+    let bounds = Aim::MaxError(MaxError::all(0.05));
+    let encoded = Encoder::new(bounds).encode(&scene, None).unwrap().encoded;
+    let (rows, back) = (encoded.rows, decode(&encoded.bytes).unwrap());
     let mut sorted = rows.clone();
     sorted.sort_unstable();
     assert!(sorted.into_iter().eq(0..scene.len() as u32));
@@ -76,10 +68,10 @@ fn lossless_rows_are_exact() {
     for keep_order in [false, true] {
         let encoded = encode_lossless(&scene, keep_order).unwrap();
         let back = decode(&encoded.bytes).unwrap();
-        for (i, &row) in encoded.rows.unwrap().iter().enumerate() {
+        for (i, &row) in encoded.rows.iter().enumerate() {
             assert_eq!(bits(&back, row as usize), bits(&scene, i));
             assert!(!keep_order || row as usize == i);
         }
     }
-    assert_eq!(encode_lossless(&Default::default(), false).unwrap().rows, Some(Vec::new()));
+    assert!(encode_lossless(&Default::default(), false).unwrap().rows.is_empty());
 }

@@ -11,13 +11,11 @@ use finetune::{Adapter, kernels::KernelStep};
 use finetune::{ViewGradients, ViewLoss};
 use gpcc_lite::Octree;
 use gs_model::Scene;
-use gsvx::EncodeOptions;
 use gsvx::latents::{GaussianGradient, Latents};
 
 #[cfg(feature = "gpu")]
 use crate::device::Device;
 use crate::error::Result;
-use crate::options::Layout;
 use crate::plan::{self, DC_BASIS, TunePlan};
 use crate::scene_loop::decay;
 
@@ -71,19 +69,6 @@ pub(crate) struct LoopLeaves {
     /// Importance of each leaf.
     pub(crate) importance: Vec<f32>,
     pub(crate) outliers: Option<Scene>,
-}
-
-/// The encoder's options for the latents.
-pub(crate) fn encode_options(
-    quality: f32,
-    importance: Vec<f32>,
-    layout: Layout,
-) -> gsvx::Result<EncodeOptions> {
-    let mut options = EncodeOptions::from_quality(quality)?;
-    options.steps = plan::steps(quality)?;
-    options.importance = Some(importance);
-    layout.set(&mut options);
-    Ok(options)
 }
 
 impl CodecLoop {

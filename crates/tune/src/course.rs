@@ -50,7 +50,7 @@ impl Course {
     fn pruned(&mut self, views: &Views, scene: &Scene, round: u64) -> Result<Scene> {
         let effects = match self.effects.take() {
             Some(effects) => effects,
-            None => views.worth(scene)?.removal,
+            None => views.removal(scene)?.effects,
         };
         let kept = self.plan.kept(self.forecast.input, round).min(scene.len());
         let fraction = 1.0 - kept as f64 / scene.len().max(1) as f64;

@@ -101,8 +101,8 @@ impl Device {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::codec_loop::{CodecLoop, LoopLeaves, encode_options};
-    use crate::options::{Layout, Target, TuneOptions};
+    use crate::codec_loop::{CodecLoop, LoopLeaves};
+    use crate::options::{Target, TuneOptions};
     use crate::plan::TunePlan;
     use crate::stage;
     use crate::targets::Targets;
@@ -211,13 +211,14 @@ mod tests {
     /// The same values in chunks of 100 leaves.
     fn in_small_chunks(state: &CodecLoop, views: &Views) -> CodecLoop {
         let LoopLeaves { octree, importance, outliers } = &state.leaves;
-        let mut options = encode_options(PLAN.quality, importance.clone(), Layout::Finest).unwrap();
-        options.chunk_leaves = NonZeroUsize::new(100).unwrap();
+        let chunk_leaves = NonZeroUsize::new(100).unwrap();
+        let options = gsvx::CodeOptions { chunk_leaves, ..Default::default() };
         let (empty, values) = (state.latents.empty_scene(), state.latents.values().to_vec());
-        let latents = Latents::with_values(octree, importance, &options, &empty, values).unwrap();
+        let steps = crate::plan::steps(PLAN.quality).unwrap();
+        let latents = Latents::with_values(octree, importance, steps, &options, &empty, values);
         let (octree, importance) = (octree.clone(), importance.clone());
         let leaves = LoopLeaves { octree, importance, outliers: outliers.clone() };
-        CodecLoop::new(&PLAN, views.pixels(), leaves, latents)
+        CodecLoop::new(&PLAN, views.pixels(), leaves, latents.unwrap())
     }
 
     #[test]

@@ -100,7 +100,10 @@ pub enum Error {
         smallest: u64,
     },
     /// No camera sees a Gaussian.
-    #[error("no camera sees the model; check that model and cameras belong together")]
+    #[error(
+        "these cameras see nothing of the model; are they its own? {}",
+        finetune::MISFIT_CAUSES
+    )]
     NothingSeen,
     /// The cancellation flag was set before the first step: there is no result yet.
     #[error("interrupted before the first step")]

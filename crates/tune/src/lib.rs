@@ -5,9 +5,9 @@ mod codec_loop;
 mod course;
 #[cfg(feature = "gpu")]
 mod device;
+mod encode;
 mod epochs;
 mod error;
-mod estimate;
 mod fine_tune;
 mod forecast;
 mod options;
@@ -27,8 +27,10 @@ mod trainer;
 mod undistort;
 mod views;
 
+pub use encode::{
+    CameraDoubt, EncodeEvent, EncodeOutcome, EncodeRecipe, VisibilityCount, encode, misfit,
+};
 pub use error::{Error, Result};
-pub use estimate::{Judged, alike, doubt, encode_judged};
 pub use fine_tune::{FineTune, FineTuneOptions, FineTuned};
 pub use options::{DEFAULT_QUALITY, Layout, Target, TuneOptions};
 pub use photos::{Photos, at_camera, check_photos, photo, photos};

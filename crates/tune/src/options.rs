@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use finetune::Backend;
-use gsvx::EncodeOptions;
+use gsvx::CodeOptions;
 
 use crate::plan::{TuneEffort, TunePlan};
 
@@ -15,7 +15,7 @@ pub const DEFAULT_QUALITY: f32 = 58.0;
 /// What the stream aims for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Target {
-    /// A quality from 0 to 100, on the scale of [`gsvx::EncodeOptions::from_quality`].
+    /// A quality from 0 to 100, on the scale of [`gsvx::Steps::of_quality`].
     Quality(f32),
     /// At most so many bytes.
     Bytes(u64),
@@ -23,7 +23,7 @@ pub enum Target {
     Psnr(f64),
 }
 
-/// What a stream has beside its finest level, as [`gsvx::EncodeOptions`] describes it.
+/// What a stream has beside its finest level, as [`gsvx::CodeOptions`] describes it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Layout {
     /// The finest level alone.
@@ -36,13 +36,24 @@ pub enum Layout {
 }
 
 impl Layout {
-    /// Asks an encoder for it.
-    pub fn set(self, options: &mut EncodeOptions) {
-        match self {
-            Self::Finest => (),
-            Self::CoarseFirst => options.lod = true,
-            Self::Web => options.for_web(),
+    /// What a web page wants, or a coarse scene first, or neither.
+    #[must_use]
+    pub fn of(web: bool, lod: bool) -> Self {
+        match (web, lod) {
+            (true, _) => Self::Web,
+            (false, true) => Self::CoarseFirst,
+            (false, false) => Self::Finest,
         }
+    }
+
+    /// How an encoder makes it.
+    #[must_use]
+    pub fn code(self) -> CodeOptions {
+        let mut options = CodeOptions { lod: self == Self::CoarseFirst, ..CodeOptions::default() };
+        if self == Self::Web {
+            options.for_web();
+        }
+        options
     }
 }
 

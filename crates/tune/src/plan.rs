@@ -4,7 +4,8 @@
 //! out if the views change less without it than by the quantisation error that the quality allows: see
 //! [`Spare`].
 
-use gsvx::{EncodeOptions, Steps};
+use gs_model::Scene;
+use gsvx::{PrepareOptions, Prepared, Steps};
 
 use crate::error::{Error, Result};
 
@@ -85,7 +86,7 @@ pub struct TunePlan {
 impl TunePlan {
     /// The plan for a quality.
     pub(crate) fn new(quality: f32, effort: TuneEffort, spare: &Spare) -> gsvx::Result<Self> {
-        EncodeOptions::from_quality(quality)?;
+        Steps::of_quality(quality)?;
         // A short run recovers from less pruning.
         let mild = if effort == TuneEffort::Quick { QUICK_PRUNES_AS } else { 0.0 };
         let fraction = spare.fraction((quality + mild).min(100.0))?;
@@ -105,7 +106,7 @@ impl TunePlan {
 
     /// This plan, if a run can follow it.
     pub(crate) fn checked(self) -> Result<Self> {
-        EncodeOptions::from_quality(self.quality)?;
+        Steps::of_quality(self.quality)?;
         if !(0.0..1.0).contains(&self.fraction) {
             let (value, range) = (self.fraction, "from 0 to below 1");
             return Err(Error::Option { option: "fraction", value, range });
@@ -132,21 +133,20 @@ impl TunePlan {
     }
 }
 
-/// The voxelization of a quality, with importances from cameras. `drop_unseen` leaves out what they do not see.
-pub(crate) fn voxel_options(
+/// The leaves of a quality, with importances from cameras. `drop_unseen` leaves out what they do not see.
+pub(crate) fn prepare(
+    scene: &Scene,
+    importance: &[f32],
     quality: f32,
-    importance: Vec<f32>,
     drop_unseen: bool,
-) -> gsvx::Result<EncodeOptions> {
-    let mut options = EncodeOptions::from_quality((quality - VOXEL_QUALITY_BELOW).max(0.0))?;
-    options.importance = Some(importance);
-    options.drop_unseen = drop_unseen;
-    Ok(options)
+) -> gsvx::Result<Prepared> {
+    let options = PrepareOptions { drop_unseen, ..PrepareOptions::default() };
+    gsvx::prepare(scene, Some(importance), (quality - VOXEL_QUALITY_BELOW).max(0.0), &options)
 }
 
 /// The quantisation steps of a quality.
 pub(crate) fn steps(quality: f32) -> gsvx::Result<Steps> {
-    let mut steps = EncodeOptions::from_quality(quality)?.steps;
+    let mut steps = Steps::of_quality(quality)?;
     steps.sh = steps.sh.map(|s| s * SH_STEP);
     steps.covariance *= COVARIANCE_STEP;
     Ok(steps)
@@ -160,7 +160,7 @@ pub(crate) struct Spare {
 }
 
 impl Spare {
-    /// Of all Gaussians the removal effects and the sums of squared blending weights, as in `finetune::Worth`.
+    /// Of all Gaussians the removal effects and the sums of squared blending weights, as in `finetune::Removal`.
     pub(crate) fn new(effects: &[f32], importance: &[f32]) -> Self {
         let sum: f64 = importance.iter().map(|&v| f64::from(v)).sum();
         let mean = sum / importance.len().max(1) as f64;
@@ -173,7 +173,7 @@ impl Spare {
 
     /// The fraction that is left out at a quality.
     fn fraction(&self, quality: f32) -> gsvx::Result<f64> {
-        let step = f64::from(EncodeOptions::from_quality(quality)?.steps.dc);
+        let step = f64::from(Steps::of_quality(quality)?.dc);
         let most = LEFT_OUT_BELOW * step * step;
         let out = self.ratios.partition_point(|&r| r < most);
         Ok((out as f64 / self.ratios.len().max(1) as f64).min(MOST_LEFT_OUT))

@@ -1,26 +1,25 @@
 //! The plan that follows from a target: for a size, by streams of the scene without tuning.
 
-use finetune::Worth;
+use finetune::Removal;
 use gs_model::Scene;
-use gsvx::rate;
+use gsvx::{Prepared, rate};
 
-use crate::codec_loop::encode_options;
 use crate::error::{Error, Result};
 use crate::options::{Target, TuneOptions};
-use crate::plan::{Spare, TunePlan, quality_for_psnr, voxel_options};
-use crate::views::Looked;
+use crate::plan::{self, Spare, TunePlan, quality_for_psnr};
+use crate::views::FirstLook;
 
 /// Bytes of a tuned stream over those of one of the same plan without tuning, about: where a search for
 /// a size begins.
 const TUNED_OVER_PROBED: f64 = 0.85;
 
 /// The plan for the target.
-pub(crate) fn plan(scene: &Scene, looked: &Looked, options: &TuneOptions) -> Result<TunePlan> {
+pub(crate) fn plan(scene: &Scene, looked: &FirstLook, options: &TuneOptions) -> Result<TunePlan> {
     if let Some(plan) = options.plan {
         return plan.checked();
     }
-    let Looked { worth: Worth { removal, squared }, input_scores, .. } = looked;
-    let spare = Spare::new(removal, squared);
+    let FirstLook { removal: Removal { effects, squared }, input_scores, .. } = looked;
+    let spare = Spare::new(effects, squared);
     let quality = match options.target {
         Target::Quality(quality) => quality,
         Target::Psnr(db) => quality_for_psnr(db, input_scores.psnr),
@@ -28,9 +27,9 @@ pub(crate) fn plan(scene: &Scene, looked: &Looked, options: &TuneOptions) -> Res
             // The stream of a plan without any tuning.
             let probe = |quality: f32| {
                 let plan = TunePlan::new(quality, options.effort, &spare)?;
-                let kept = gsvx::prune(removal, plan.fraction)?;
-                let importance = kept.iter().map(|&i| squared[i]).collect();
-                probe(&scene.select(&kept), importance, quality, options)
+                let kept = gsvx::prune(effects, plan.fraction)?;
+                let importance: Vec<f32> = kept.iter().map(|&i| squared[i]).collect();
+                probe(&scene.select(&kept), &importance, quality, options)
             };
             let found = rate::to_bytes((bytes as f64 / TUNED_OVER_PROBED) as u64, &probe)?;
             if !found.reached || is_empty(&found.encoded)? {
@@ -61,11 +60,13 @@ fn is_empty(stream: &[u8]) -> Result<bool> {
 /// The stream of a scene at a quality.
 fn probe(
     scene: &Scene,
-    importance: Vec<f32>,
+    importance: &[f32],
     quality: f32,
     options: &TuneOptions,
 ) -> gsvx::Result<Vec<u8>> {
-    let prepared = gsvx::prepare(scene, &voxel_options(quality, importance, options.drop_unseen)?)?;
-    let encode = encode_options(quality, prepared.importance, options.layout)?;
-    Ok(gsvx::encode_voxels(&prepared.scene, prepared.voxels.octree(), None, &encode)?.bytes)
+    let Prepared { scene, voxels, importance, .. } =
+        plan::prepare(scene, importance, quality, options.drop_unseen)?;
+    let (steps, code) = (plan::steps(quality)?, options.layout.code());
+    let octree = voxels.octree();
+    Ok(gsvx::encode_voxels(&scene, octree, None, Some(&importance), &steps, &code)?.bytes)
 }

@@ -1,7 +1,7 @@
 //! [`Tune`]: the run.
 
 use finetune::metrics::Scores;
-use finetune::{BackendReport, Worth};
+use finetune::{BackendReport, Removal};
 use gs_model::Scene;
 
 use crate::checkpoint::fingerprint;
@@ -17,7 +17,7 @@ use crate::stage::at_degree;
 use crate::steering;
 use crate::targets::Targets;
 use crate::trainer::{Clock, Trainer, Work};
-use crate::views::{self, Looked, Views};
+use crate::views::{self, FirstLook, Views};
 
 /// Views that are timed.
 const TIMED: usize = 4;
@@ -83,7 +83,7 @@ impl Tune {
         let looked = Views::look(&scene, targets, &options, looked)?;
         let pass = started.seconds();
         let plan = plan(&scene, &looked, &options)?;
-        let Looked { mut views, worth: Worth { removal, .. }, input_scores } = looked;
+        let FirstLook { mut views, removal: Removal { effects, .. }, input_scores } = looked;
         if !renders {
             views.of_quality(plan.quality);
         }
@@ -91,7 +91,7 @@ impl Tune {
         let mut trainer = Trainer::new(views, fingerprint, backend, checkpoint, cancel)?;
         let render = seconds_of_a_render(&scene, &mut trainer.views);
         let forecast = Forecast { input: scene.len(), render, pass };
-        let mut course = Course::new(plan, goal, forecast, scene, removal);
+        let mut course = Course::new(plan, goal, forecast, scene, effects);
         if !trainer.resume(&mut course)? {
             // Views that see nothing are an error before the run.
             course.advance(&mut trainer.views)?;

@@ -6,10 +6,10 @@ use gsvx::Prepared;
 use gsvx::latents::Latents;
 
 use crate::checkpoint::{StateReader, StateWriter};
-use crate::codec_loop::{CodecLoop, LoopLeaves, encode_options};
+use crate::codec_loop::{CodecLoop, LoopLeaves};
 use crate::error::{Error, Result};
 use crate::options::{Goal, Layout};
-use crate::plan::{TunePlan, voxel_options};
+use crate::plan::{self, TunePlan};
 use crate::scene_loop::{SceneLoop, mean_rate};
 use crate::steering;
 use crate::views::Views;
@@ -42,14 +42,14 @@ pub(crate) fn codec_loop(
     scene: &Scene,
 ) -> Result<Box<CodecLoop>> {
     views.gradients.move_means(false);
-    let options = voxel_options(plan.quality, views.importance(scene), views.drop_unseen())?;
-    let Prepared { scene, voxels, importance, outliers } = gsvx::prepare(scene, &options)?;
+    let (importance, drop_unseen) = (views.importance(scene), views.drop_unseen());
+    let Prepared { scene, voxels, importance, outliers } =
+        plan::prepare(scene, &importance, plan.quality, drop_unseen)?;
     if scene.is_empty() {
         return Err(Error::NothingSeen);
     }
-    let options = encode_options(plan.quality, importance.clone(), goal.layout)?;
-    let octree = voxels.octree().clone();
-    let latents = Latents::new(&scene, &octree, &options)?;
+    let (octree, steps) = (voxels.octree().clone(), plan::steps(plan.quality)?);
+    let latents = Latents::new(&scene, &octree, &importance, steps, &goal.layout.code())?;
     let outliers = outliers.map(|o| at_degree(&o, latents.sh_degree()));
     let leaves = LoopLeaves { octree, importance, outliers };
     let mut state = CodecLoop::new(plan, views.pixels(), leaves, latents);
@@ -150,8 +150,8 @@ fn read_latents(
     let (octree, quality) = (read_leaves(input)?, quality as f32);
     let importance = input.floats()?;
     let values = input.floats()?;
-    let options = encode_options(quality, importance.clone(), layout)?;
-    let latents = Latents::with_values(&octree, &importance, &options, empty, values)?;
+    let (steps, options) = (plan::steps(quality)?, layout.code());
+    let latents = Latents::with_values(&octree, &importance, steps, &options, empty, values)?;
     Ok((quality, LoopLeaves { octree, importance, outliers: None }, latents))
 }
 

@@ -11,7 +11,7 @@ use finetune::framing::{around, nearby};
 use finetune::metrics::Scores;
 use finetune::optimiser::permutation;
 use finetune::{
-    Loss, Photo, RenderOptions, TrainView, ViewGradients, ViewLoss, Worth, saliency, worth,
+    Loss, Photo, Removal, RenderOptions, TrainView, ViewGradients, ViewLoss, Visibility, removal,
 };
 use gs_model::{Camera, Scene};
 
@@ -78,21 +78,21 @@ pub(crate) struct Views {
     nearby: Vec<Camera>,
     share: Share,
     /// Renders of the input model, to compare the result with.
-    judged: Option<Judged>,
+    judged: Option<JudgeViews>,
     seed: u64,
     order: Vec<u32>,
 }
 
 /// The views, and what they show of the input model.
-pub(crate) struct Looked {
+pub(crate) struct FirstLook {
     pub(crate) views: Views,
-    pub(crate) worth: Worth,
+    pub(crate) removal: Removal,
     /// Scores at the views kept aside.
     pub(crate) input_scores: Scores,
 }
 
 /// Small renders of the input model.
-struct Judged {
+struct JudgeViews {
     /// At the views kept aside.
     aside: Vec<TrainView>,
     /// At cameras near the path, which no step visits.
@@ -120,7 +120,7 @@ impl AgainstInput {
     }
 }
 
-impl Judged {
+impl JudgeViews {
     fn of(scene: &Scene, aside: &[TrainView], cameras: &[Camera]) -> Self {
         let render = |camera: &Camera| TrainView::rendered(scene, within(camera, JUDGED_EDGE));
         let aside = aside.iter().map(|v| render(&v.camera)).collect();
@@ -156,7 +156,7 @@ impl Views {
         targets: Targets,
         options: &TuneOptions,
         mut seen: impl FnMut(usize, usize),
-    ) -> Result<Looked> {
+    ) -> Result<FirstLook> {
         let share = if targets.are_renders() { BESIDE_RENDERS } else { BESIDE_PHOTOS };
         let (cameras, mut photos) = targets.into_parts()?;
         let renders = photos.is_empty();
@@ -171,7 +171,7 @@ impl Views {
             seen(done, all);
         };
         let mut psnr = Vec::with_capacity(cameras.len());
-        let at_views = worth(scene, &cameras, |image| {
+        let at_views = removal(scene, &cameras, |image| {
             if renders {
                 photos.push(Photo::from(&image));
             }
@@ -179,7 +179,7 @@ impl Views {
             one_more();
         });
         let mut renders_nearby = Vec::with_capacity(nearby.len());
-        let at_nearby = worth(scene, &nearby, |image| {
+        let at_nearby = removal(scene, &nearby, |image| {
             renders_nearby.push(Photo::from(&image));
             one_more();
         });
@@ -193,12 +193,12 @@ impl Views {
         for (camera, photo) in nearby.iter().zip(renders_nearby) {
             gradients.add(TrainView { camera: camera.clone(), photo }, share.of_gradients)?;
         }
-        let judged = Some(Judged::of(scene, &aside, &cameras));
+        let judged = Some(JudgeViews::of(scene, &aside, &cameras));
         let (seed, order) = (options.seed, Vec::new());
         let this = Self { cameras, gradients, aside, nearby, share, judged, seed, order };
-        let worth = this.together(at_views, &at_nearby)?;
+        let removal = this.together(at_views, &at_nearby)?;
         let input_scores = this.scores(scene);
-        Ok(Looked { views: this, worth, input_scores })
+        Ok(FirstLook { views: this, removal, input_scores })
     }
 
     /// Makes the steps of a run to photos those of a quality.
@@ -247,7 +247,7 @@ impl Views {
 
     /// Compares a scene with the input model; `None` without a single view of it.
     pub(crate) fn against_input(&self, scene: &Scene) -> Option<AgainstInput> {
-        let Judged { aside, nearby, around } = self.judged.as_ref()?;
+        let JudgeViews { aside, nearby, around } = self.judged.as_ref()?;
         let mean = |views: &[TrainView]| {
             views.iter().map(|v| v.psnr(scene)).sum::<f64>() / views.len() as f64
         };
@@ -263,27 +263,27 @@ impl Views {
 
     /// The sum of squared blending weights of each Gaussian.
     pub(crate) fn importance(&self, scene: &Scene) -> Vec<f32> {
-        let mut sum = saliency(scene, &self.cameras).squared;
-        self.add_nearby(&mut sum, &saliency(scene, &self.nearby).squared);
+        let mut sum = Visibility::of_all(scene, &self.cameras).squared;
+        self.add_nearby(&mut sum, &Visibility::of_all(scene, &self.nearby).squared);
         sum
     }
 
-    /// What each Gaussian is worth.
-    pub(crate) fn worth(&self, scene: &Scene) -> Result<Worth> {
-        let at = |cameras: &[Camera]| worth(scene, cameras, drop);
+    /// The removal effects of all Gaussians.
+    pub(crate) fn removal(&self, scene: &Scene) -> Result<Removal> {
+        let at = |cameras: &[Camera]| removal(scene, cameras, drop);
         self.together(at(&self.cameras), &at(&self.nearby))
     }
 
-    /// The worth to all views. The removal effect is the greatest number for a Gaussian that no view sees, as nothing
+    /// The removal effects in all views. The effect is the greatest number for a Gaussian that no view sees, as nothing
     /// is known of it, unless it is to be left out.
-    fn together(&self, mut all: Worth, near: &Worth) -> Result<Worth> {
-        self.add_nearby(&mut all.removal, &near.removal);
+    fn together(&self, mut all: Removal, near: &Removal) -> Result<Removal> {
+        self.add_nearby(&mut all.effects, &near.effects);
         self.add_nearby(&mut all.squared, &near.squared);
-        if all.removal.iter().all(|&effect| effect <= 0.0) {
+        if all.effects.iter().all(|&effect| effect <= 0.0) {
             return Err(Error::NothingSeen);
         }
         if !self.drop_unseen() {
-            let unseen = all.removal.iter_mut().filter(|effect| **effect <= 0.0);
+            let unseen = all.effects.iter_mut().filter(|effect| **effect <= 0.0);
             unseen.for_each(|effect| *effect = f32::MAX);
         }
         Ok(all)
@@ -306,7 +306,7 @@ impl Views {
 
 /// Views, and the PSNR of the input model at each, dB.
 #[derive(Default)]
-struct Scored {
+struct ScoredViews {
     views: Vec<TrainView>,
     psnr: Vec<f64>,
 }
@@ -322,8 +322,8 @@ pub(crate) fn kept_aside(views: usize) -> usize {
 }
 
 /// The views of the steps, and those kept aside. If there are too few to keep one aside, the first view judges.
-fn divided(views: Vec<TrainView>, psnr: Vec<f64>) -> (Scored, Vec<TrainView>) {
-    let (mut photos, mut aside) = (Scored::default(), Vec::new());
+fn divided(views: Vec<TrainView>, psnr: Vec<f64>) -> (ScoredViews, Vec<TrainView>) {
+    let (mut photos, mut aside) = (ScoredViews::default(), Vec::new());
     for (i, (view, db)) in views.into_iter().zip(psnr).enumerate() {
         if is_aside(i) {
             aside.push(view);

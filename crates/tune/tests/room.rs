@@ -5,9 +5,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use finetune::framing::nearby;
-use finetune::{Photo, RenderOptions, TrainView, render};
+use finetune::{Photo, RenderOptions, TrainView, Visibility, render};
 use gs_model::{Camera, Scene, dataset, ply};
-use gsvx::{Aim, Encoder};
+use gsvx::{Aim, EncodeOptions, Encoder};
 use tune::{Error, Layout, Target, Targets, Tune, TuneEffort, TuneOptions, TuneOutcome, TunePlan};
 
 fn room() -> PathBuf {
@@ -82,11 +82,10 @@ fn a_short_tune_saves_bytes_at_held_out_views() {
     options.effort = TuneEffort::Quick;
     let outcome = tuned(&options);
     let cameras: Vec<Camera> = training().into_iter().map(|v| v.camera).collect();
-    let importance = finetune::saliency(&model(), &cameras).squared;
+    let importance = Visibility::of_all(&model(), &cameras).squared;
     // The untuned stream of the same PSNR.
-    let mut untuned = gsvx::EncodeOptions::from_quality(50.0).unwrap();
-    untuned.importance = Some(importance);
-    let untuned = gsvx::encode(&model(), &untuned).unwrap().bytes;
+    let options = EncodeOptions::default();
+    let untuned = gsvx::encode(&model(), Some(&importance), 50.0, &options).unwrap().bytes;
     let (tuned_db, untuned_db) = (score(&outcome.scene), score(&gsvx::decode(&untuned).unwrap()));
     let (tuned, untuned) = (outcome.encoded.bytes.len(), untuned.len());
     println!("tuned {tuned} bytes, {tuned_db:.2} dB; untuned {untuned} bytes, {untuned_db:.2} dB");
@@ -117,8 +116,8 @@ fn what_the_photos_do_not_show_stays_unless_it_is_dropped() {
     // At other views beside the cameras it is better than an untuned stream of as many bytes.
     let cameras: Vec<Camera> = few.into_iter().map(|v| v.camera).collect();
     let mut untuned = Encoder::new(Aim::Bytes(kept.encoded.bytes.len() as u64));
-    untuned.options.importance = Some(finetune::saliency(&model(), &cameras).squared);
-    let untuned = gsvx::decode(&untuned.encode(&model()).unwrap().encoded.bytes).unwrap();
+    let importance = Visibility::of_all(&model(), &cameras).squared;
+    let untuned = untuned.encode(&model(), Some(&importance)).unwrap().encoded.decode().unwrap();
     let render = |camera| TrainView::rendered(&model(), camera);
     let beside: Vec<_> = nearby(&model(), &cameras, 12, 2).into_iter().map(render).collect();
     let psnr = |scene: &Scene| beside.iter().map(|v| v.psnr(scene)).sum::<f64>() / 12.0;
@@ -147,8 +146,8 @@ fn a_tuned_stream_for_the_web_begins_with_a_coarse_level_that_fits_the_target() 
         gsvx::decode_with(stream, &options).unwrap().scene
     };
     let mut encoder = Encoder::new(Aim::Quality(54.0));
-    encoder.options.for_web();
-    let untuned = encoder.encode(&model()).unwrap().encoded;
+    encoder.options.code.for_web();
+    let untuned = encoder.encode(&model(), None).unwrap().encoded;
     let theirs = TrainView::rendered(&untuned.decode().unwrap(), camera.clone());
     let (tuned, untuned) =
         (whole.psnr(&coarse(&outcome.encoded.bytes)), theirs.psnr(&coarse(&untuned.bytes)));
@@ -274,7 +273,7 @@ fn the_smallest_runs_end() {
     let mut one = TrainView::rendered(&model(), one.camera);
     let run = Tune::new(model(), Targets::Photos(vec![one.clone()]), options()).unwrap();
     assert!(!gsvx::decode(&run.run(|_| ()).unwrap().encoded.bytes).unwrap().is_empty());
-    let importance = finetune::saliency(&model(), &[one.camera.clone()]).squared;
+    let importance = Visibility::of_all(&model(), &[one.camera.clone()]).squared;
     let most = (0..importance.len()).max_by(|&a, &b| importance[a].total_cmp(&importance[b]));
     let scene = model().select(&[most.unwrap()]);
     one = TrainView::rendered(&scene, one.camera);

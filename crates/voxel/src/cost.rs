@@ -16,7 +16,7 @@ pub struct CostModel {
 }
 
 impl Default for CostModel {
-    /// The values of the encoder (`gsvx::default_strategy`) at quality 50. At other qualities it
+    /// The values of the encoder (`gsvx::prepare`) at quality 50. At other qualities it
     /// sets `gaussian` anew, since that depends on the attribute steps, and keeps the rest.
     ///
     /// The bits of the geometry are close to a least-squares fit to octrees that gpcc-lite coded.

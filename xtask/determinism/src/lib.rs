@@ -10,7 +10,7 @@ use std::sync::OnceLock;
 
 use finetune::framing::{self, Constraints};
 use gs_model::{Scene, ply};
-use gsvx::{DecodeOptions, EncodeOptions, Leaves};
+use gsvx::{DEFAULT_QUALITY, DecodeOptions, EncodeOptions, Leaves};
 use sha2::{Digest, Sha256};
 use tune::{Target, Targets, Tune, TuneOptions, TunePlan};
 
@@ -51,21 +51,21 @@ pub fn report() -> String {
 /// The fixture in every mode.
 fn streams(room: &Scene) -> Vec<(String, Vec<u8>)> {
     let default = EncodeOptions::default();
-    let mut small_chunks = default.clone();
-    small_chunks.chunk_leaves = NonZeroUsize::new(1000).expect("a positive number");
-    let mut levels = small_chunks.clone();
-    levels.lod = true;
+    let mut small_chunks = default;
+    small_chunks.code.chunk_leaves = NonZeroUsize::new(1000).expect("a positive number");
+    let mut levels = small_chunks;
+    levels.code.lod = true;
     let modes = [
-        ("default", default.clone()),
+        ("default", default),
         ("levels of detail", levels),
         ("small chunks", small_chunks),
     ];
     let coded = |(name, options): (&str, EncodeOptions)| {
-        (format!("room, {name}"), gsvx::encode(room, &options).expect(name).bytes)
+        (format!("room, {name}"), gsvx::encode(room, None, DEFAULT_QUALITY, &options).expect(name).bytes)
     };
     let mut out: Vec<(String, Vec<u8>)> = modes.into_iter().map(coded).collect();
     let mut uniform = default;
-    uniform.leaves = Leaves::Uniform { depth: 11 };
+    uniform.prepare.leaves = Leaves::Uniform { depth: 11 };
     out.push(coded(("uniform", uniform)));
     let lossless = gsvx::encode_lossless(room, false).expect("lossless").bytes;
     out.push(("room, lossless".into(), lossless));

@@ -277,17 +277,17 @@ fn cameras() -> Vec<Vec<u8>> {
 
 /// Streams of few Gaussians in every mode, with their SH degrees.
 fn streams() -> Vec<(u8, Vec<u8>)> {
-    let base = EncodeOptions::from_quality(20.0).expect("a quality");
-    let mut chunks = base.clone();
-    chunks.chunk_leaves = NonZeroUsize::new(3).expect("a positive number");
+    let base = EncodeOptions::default();
+    let mut chunks = base;
+    chunks.code.chunk_leaves = NonZeroUsize::new(3).expect("a positive number");
     let mut out = Vec::new();
     for (n, degree, options) in
         [(0, 0, &base), (1, 1, &base), (6, 0, &base), (3, 3, &base), (4, 1, &base), (9, 1, &chunks)]
     {
-        let bytes = gsvx::encode(&scene(n, degree, 7), options).expect("encoded").bytes;
+        let bytes = gsvx::encode(&scene(n, degree, 7), None, 20.0, options).expect("encoded").bytes;
         out.push((degree, bytes));
     }
-    let outliers = gsvx::encode(&common::with_floaters(scene(12, 1, 7)).0, &base);
+    let outliers = gsvx::encode(&common::with_floaters(scene(12, 1, 7)).0, None, 20.0, &base);
     out.push((1, outliers.expect("encoded").bytes));
     out.push((0, levels()));
     for n in [0, 2] {
@@ -300,8 +300,8 @@ fn streams() -> Vec<(u8, Vec<u8>)> {
 /// of its own.
 fn levels() -> Vec<u8> {
     let mut uniform = EncodeOptions::default();
-    uniform.leaves = gsvx::Leaves::Uniform { depth: 6 };
-    let coded = |scene| gsvx::encode(&scene, &uniform).expect("encoded").bytes;
+    uniform.prepare.leaves = gsvx::Leaves::Uniform { depth: 6 };
+    let coded = |scene| gsvx::encode(&scene, None, 80.0, &uniform).expect("encoded").bytes;
     let fine = scene(9, 0, 7);
     let (mut index, mut layers) = forge::take_apart(&coded(fine.clone()));
     let (mut coarse, of_coarse) = forge::take_apart(&coded(fine.select(&[0, 4])));
@@ -337,9 +337,9 @@ fn in_pieces() -> Vec<Vec<u8>> {
 
 fn chunks() -> Vec<Vec<u8>> {
     let mut out = Vec::new();
-    let options = EncodeOptions::from_quality(85.0).expect("a quality");
+    let options = EncodeOptions::default();
     for n in [20, 1, 7] {
-        let bytes = gsvx::encode(&scene(n, 1, 7), &options).expect("encoded").bytes;
+        let bytes = gsvx::encode(&scene(n, 1, 7), None, 85.0, &options).expect("encoded").bytes;
         let (index, layers) = forge::take_apart(&bytes);
         let count = index.chunks[0].count as u16 - 1;
         let [base, sh] = &layers[0][..] else { continue };

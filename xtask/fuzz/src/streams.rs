@@ -112,9 +112,9 @@ fn template() -> &'static (Index, Layers) {
     static TEMPLATE: OnceLock<(Index, Layers)> = OnceLock::new();
     TEMPLATE.get_or_init(|| {
         // So fine that SH degree 1 is there.
-        let options = EncodeOptions::from_quality(85.0).expect("a quality");
+        let options = EncodeOptions::default();
         let scene = common::scene(20, 1, 7);
-        take_apart(&gsvx::encode(&scene, &options).expect("encoded").bytes)
+        take_apart(&gsvx::encode(&scene, None, 85.0, &options).expect("encoded").bytes)
     })
 }
 

@@ -32,12 +32,11 @@ fn sweep() -> Result<Verdict> {
         let all = views.iter().zip(&order).map(|(v, most)| v.psnr(scene).min(*most));
         all.sum::<f64>() / views.len() as f64
     };
-    let seen = finetune::saliency(&model, &training).squared;
+    let seen = finetune::Visibility::of_all(&model, &training).squared;
     let (mut best, mut worst) = ((0, f64::NEG_INFINITY), (0, 0, 0.0));
     for quality in 5..=100u8 {
-        let mut options = EncodeOptions::from_quality(quality.into())?;
-        options.importance = Some(seen.clone());
-        let db = mean(&gsvx::decode(&gsvx::encode(&model, &options)?.bytes)?);
+        let stream = gsvx::encode(&model, Some(&seen), quality.into(), &EncodeOptions::default())?;
+        let db = mean(&stream.decode()?);
         if db > best.1 {
             best = (quality, db);
         } else if best.1 - db > worst.2 {

@@ -5,7 +5,7 @@ use eval::scenes;
 use gpcc_lite::raht::{self, RahtPlan, Rows};
 use gpcc_lite::{Leaf, morton};
 use gs_model::Scene;
-use gsvx::{EncodeOptions, Reader};
+use gsvx::{DEFAULT_QUALITY, EncodeOptions, Reader};
 use std::num::NonZeroUsize;
 
 use xshell::cmd;
@@ -81,9 +81,9 @@ const MAX_ROUND_TRIP_ERROR: f64 = 1e-5;
 /// A stream that arrives in pieces, last ones first, decoded chunk by chunk.
 fn in_parts() -> Result<Verdict> {
     let mut options = EncodeOptions::default();
-    options.lod = true;
-    options.chunk_leaves = NonZeroUsize::new(1500).context("a positive number")?;
-    let bytes = gsvx::encode(&room()?, &options)?.bytes;
+    options.code.lod = true;
+    options.code.chunk_leaves = NonZeroUsize::new(1500).context("a positive number")?;
+    let bytes = gsvx::encode(&room()?, None, DEFAULT_QUALITY, &options)?.bytes;
     let mut reader = Reader::new();
     for (i, piece) in bytes.chunks(1000).enumerate().rev() {
         reader.give(1000 * i as u64, piece)?;

@@ -3,7 +3,7 @@
 use anyhow::{Context, Result, ensure};
 use eval::{measure, scenes};
 use finetune::RenderOptions;
-use gsvx::EncodeOptions;
+use gsvx::{DEFAULT_QUALITY, EncodeOptions};
 use std::num::NonZeroUsize;
 
 use sha2::{Digest, Sha256};
@@ -45,19 +45,22 @@ pub(super) fn checks(tally: &mut Tally) {
     };
     let default = EncodeOptions::default();
     // Many chunks, so that threads have something to share.
-    let mut levels = default.clone();
-    levels.lod = true;
-    levels.chunk_leaves = NonZeroUsize::MIN.saturating_add(999);
+    let mut levels = default;
+    levels.code.lod = true;
+    levels.code.chunk_leaves = NonZeroUsize::MIN.saturating_add(999);
     for (name, options) in [("default", &default), ("levels of detail", &levels)] {
         tally.check(&format!("encoder over threads, {name}"), || {
-            same("the same bytes", || Ok(hash_bytes(&gsvx::encode(&scene, options)?.bytes)))
+            same("the same bytes", || {
+                let encoded = gsvx::encode(&scene, None, DEFAULT_QUALITY, options)?;
+                Ok(hash_bytes(&encoded.bytes))
+            })
         });
     }
     tally.check("encoder over threads, lossless", || {
         same("the same bytes", || Ok(hash_bytes(&gsvx::encode_lossless(&scene, false)?.bytes)))
     });
     tally.check("decoder over threads", || {
-        let bytes = gsvx::encode(&scene, &levels)?.bytes;
+        let bytes = gsvx::encode(&scene, None, DEFAULT_QUALITY, &levels)?.bytes;
         same("the same floats", || Ok(sha256(&gsvx::decode(&bytes)?)))
     });
     tally.check("paper's codec over threads", || {

@@ -5,7 +5,7 @@ use std::cell::OnceCell;
 
 use anyhow::{Context, Result, ensure};
 use gs_model::Scene;
-use gsvx::{EncodeOptions, Prepared};
+use gsvx::{CodeOptions, PrepareOptions, Prepared, Steps};
 use voxel::{Importance, Merge, Strategy};
 
 use super::fine_tune::fine_tuned;
@@ -70,11 +70,11 @@ impl<'a> Branch<'a> {
             Rule::Fixed(strategy) => voxelized(scene, strategy, Merge::Moments, importance),
             Rule::Paper(strategy) => voxelized(scene, strategy, Merge::Paper, importance),
             &Rule::Default(quality, sight) => {
-                let mut options = EncodeOptions::from_quality(quality)?;
-                options.importance = importance.filter(|_| sight != Sight::NoCameras);
+                let importance = importance.as_deref().filter(|_| sight != Sight::NoCameras);
                 // The views measured are of the same capture as the cameras.
-                options.drop_unseen = sight == Sight::DropUnseen;
-                Ok(gsvx::prepare(scene, &options)?)
+                let drop_unseen = sight == Sight::DropUnseen;
+                let options = PrepareOptions { drop_unseen, ..PrepareOptions::default() };
+                Ok(gsvx::prepare(scene, importance, quality, &options)?)
             }
         }
     }
@@ -108,9 +108,11 @@ impl<'a> Branch<'a> {
             let Prepared { scene, voxels, importance, .. } = &self.model()?.prepared;
             Encoded::timed(|| match coding.paper(scene.len()) {
                 None => {
-                    let mut options = EncodeOptions::from_quality(coding.quality())?;
-                    options.importance = Some(importance.clone());
-                    let encoded = gsvx::encode_voxels(scene, voxels.octree(), None, &options)?;
+                    let (steps, options) =
+                        (Steps::of_quality(coding.quality())?, CodeOptions::default());
+                    let (octree, given) = (voxels.octree(), Some(&importance[..]));
+                    let encoded =
+                        gsvx::encode_voxels(scene, octree, None, given, &steps, &options)?;
                     let parts = encoded.parts();
                     Ok((encoded.bytes, parts))
                 }

@@ -51,15 +51,12 @@ pub(crate) fn one_tune(study: &Study) -> Result<[Vec<Point>; 2]> {
     let tuned = each.points.iter().find(|p| p.quality == ONE_TUNE).context("no such tune")?;
     let stream = std::fs::read(study.out.join(&tuned.stream)).context("read the tuned stream")?;
     let model = gsvx::decode(&stream)?;
-    let seen = finetune::saliency(&model, &study.test.training).squared;
+    let seen = finetune::Visibility::of_all(&model, &study.test.training).squared;
     let again = TUNED_QUALITIES.map(|quality| {
         let encode = || {
-            let mut options = EncodeOptions::from_quality(quality)?;
-            (options.importance, options.drop_unseen) = (Some(seen.clone()), true);
-            let prepared = gsvx::prepare(&model, &options)?;
-            options.importance = Some(prepared.importance);
-            let octree = prepared.voxels.octree();
-            let encoded = gsvx::encode_voxels(&prepared.scene, octree, None, &options)?;
+            let mut options = EncodeOptions::default();
+            options.prepare.drop_unseen = true;
+            let encoded = gsvx::encode(&model, Some(&seen), quality, &options)?;
             let parts = encoded.parts();
             Ok((encoded.bytes, parts))
         };

@@ -6,7 +6,7 @@ use std::num::NonZeroUsize;
 use anyhow::{Result, anyhow, ensure};
 use gs_model::{Scene, ply};
 use gsvx::covariance;
-use gsvx::{EncodeOptions, Leaves, Prepared, importance};
+use gsvx::{CodeOptions, DEFAULT_QUALITY, EncodeOptions, Leaves, Prepared, Steps, importance};
 use voxel::Voxelization;
 
 use super::gaussians::{of_degree, rows};
@@ -38,27 +38,25 @@ pub(crate) const MODES: [&str; 17] = [
 /// Leaves of small chunks.
 const SMALL: NonZeroUsize = NonZeroUsize::MIN.saturating_add(63);
 
-/// What the encoder is asked for in a mode.
-fn options_of(mode: &str) -> gsvx::Result<EncodeOptions> {
-    let mut options = match mode.strip_prefix("quality ").and_then(|q| q.parse().ok()) {
-        Some(quality) => EncodeOptions::from_quality(quality)?,
-        None => EncodeOptions::default(),
-    };
-    options.lod = mode.starts_with("lod");
+/// What the encoder is asked for in a mode: a quality, and how.
+fn options_of(mode: &str) -> (f32, EncodeOptions) {
+    let quality = mode.strip_prefix("quality ").and_then(|q| q.parse().ok());
+    let mut options = EncodeOptions::default();
+    let EncodeOptions { prepare, code } = &mut options;
+    code.lod = mode.starts_with("lod");
     if mode.ends_with("chunks of 64") {
-        options.chunk_leaves = SMALL;
+        code.chunk_leaves = SMALL;
     }
-    options.uniform_precision = mode == "uniform precision";
-    options.leaves = match mode {
+    code.uniform_precision = mode == "uniform precision";
+    prepare.leaves = match mode {
         "uniform depth 12" => Leaves::Uniform { depth: 12 },
         "paper 6 to 12" => Leaves::Paper { j_low: 6, j_high: 12 },
         _ => Leaves::RateDistortion,
     };
-    options.rows = true;
     if mode == "SH degree 0" {
-        options.max_sh_degree = 0;
+        code.max_sh_degree = 0;
     }
-    Ok(options)
+    (quality.unwrap_or(DEFAULT_QUALITY), options)
 }
 
 /// What a stream was made from, and the stream.
@@ -69,7 +67,8 @@ struct Coded {
     inside: Scene,
     outliers: Scene,
     bytes: Vec<u8>,
-    options: EncodeOptions,
+    steps: Steps,
+    options: CodeOptions,
 }
 
 /// Runs `scene` in `mode`.
@@ -104,20 +103,23 @@ fn through_a_file(scene: &Scene) -> Result<Scene, String> {
 
 /// The scene through voxelization and encoder; or which part refused, and its message.
 fn coded(scene: &Scene, mode: &str) -> Result<Coded, String> {
-    let options = options_of(mode).map_err(by("options"))?;
-    let mut prepared = gsvx::prepare(scene, &options).map_err(by("voxelize"))?;
-    let encoded = gsvx::encode(scene, &options).map_err(by("encode"))?;
+    let (quality, EncodeOptions { prepare, code: options }) = options_of(mode);
+    let steps = Steps::of_quality(quality).map_err(by("options"))?;
+    let mut prepared = gsvx::prepare(scene, None, quality, &prepare).map_err(by("voxelize"))?;
+    let whole = EncodeOptions { prepare, code: options };
+    let encoded = gsvx::encode(scene, None, quality, &whole).map_err(by("encode"))?;
     let outliers = prepared.outliers.take().unwrap_or_default();
     // Outliers follow the leaves.
     let leaves = prepared.scene.len() as u32;
-    let rows = encoded.rows.unwrap_or_default();
+    let rows = encoded.rows;
     let inside: Vec<usize> = (0..scene.len()).filter(|&i| rows[i] < leaves).collect();
-    Ok(Coded { prepared, inside: scene.select(&inside), outliers, bytes: encoded.bytes, options })
+    let (inside, bytes) = (scene.select(&inside), encoded.bytes);
+    Ok(Coded { prepared, inside, outliers, bytes, steps, options })
 }
 
 /// Decodes a stream and compares with what it was made from.
 fn checked(coded: &Coded) -> Result<ChainOutcome> {
-    let Coded { prepared, inside, outliers, bytes, options } = coded;
+    let Coded { prepared, inside, outliers, bytes, steps, options } = coded;
     let decoded = gsvx::decode(bytes)?;
     decoded.validate().map_err(|e| anyhow!("the decoder returned {e}"))?;
     let mut file = Vec::new();
@@ -143,7 +145,7 @@ fn checked(coded: &Coded) -> Result<ChainOutcome> {
     if options.lod {
         levels::check(bytes, voxels, &outliers)?;
     }
-    let mut worst = attributes(&classes, prepared, &leaves, options)?;
+    let mut worst = attributes(&classes, prepared, &leaves, steps, options)?;
     worst.insert(0, ("mean", displacement(inside, voxels)));
     Ok(ChainOutcome::Accepted(worst))
 }
@@ -153,11 +155,11 @@ fn attributes(
     classes: &[u8],
     prepared: &Prepared,
     decoded: &Scene,
-    options: &EncodeOptions,
+    steps: &Steps,
+    options: &CodeOptions,
 ) -> Result<Vec<(&'static str, f64)>> {
     let merged = &prepared.scene;
     let bound = Bound::of(classes, &prepared.voxels);
-    let steps = &options.steps;
     let opacity = |s: &Scene, i: usize| [log_alpha(s.opacity_logits[i])];
     let opacity = bound.ratio(merged, decoded, steps.opacity, opacity);
     let kept = usize::from(options.max_sh_degree.min(merged.sh_degree)) + 1;

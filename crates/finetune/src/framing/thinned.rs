@@ -8,7 +8,7 @@ use super::ring::{Placement, Ring};
 use crate::forward::render;
 use crate::image::Image;
 use crate::options::RenderOptions;
-use crate::saliency::saliency;
+use crate::visibility::Visibility;
 
 /// Cameras on a circle during the search, and for the choice of an arc.
 pub(super) const FEW: u32 = 8;
@@ -76,7 +76,7 @@ impl ThinnedScene {
 
     /// The share of the detail that one camera sees.
     pub(super) fn view(&self, ring: &Ring, turn: f64) -> f64 {
-        let seen = saliency(&self.scene, &[self.camera(ring, turn)]).total;
+        let seen = Visibility::of_all(&self.scene, &[self.camera(ring, turn)]).total;
         let sum: f64 =
             seen.iter().zip(&self.weights).map(|(&s, w)| w * (f64::from(s) / SEEN).min(1.0)).sum();
         sum / self.weights.iter().sum::<f64>().max(f64::MIN_POSITIVE)

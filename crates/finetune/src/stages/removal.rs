@@ -13,25 +13,25 @@ use crate::forward::Forward;
 use crate::image::Image;
 use crate::options::RenderOptions;
 
-/// What each Gaussian is worth to a set of views.
+/// What leaving out each Gaussian changes in a set of views.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Worth {
-    /// Removal effect: the sum over all pixels and channels of the squared change when this Gaussian
+pub struct Removal {
+    /// Removal effects: the sum over all pixels and channels of the squared change when this Gaussian
     /// alone is left out and what lies behind it shows instead.
-    pub removal: Vec<f32>,
-    /// Sum over all pixels of squared blending weights, as [`crate::Saliency::squared`].
+    pub effects: Vec<f32>,
+    /// As [`crate::Visibility::squared`], from views of full size.
     pub squared: Vec<f32>,
 }
 
-/// The worth of each Gaussian to the views of `cameras`.
+/// The removal effect of each Gaussian in the views of `cameras`.
 ///
 /// The removal effect of a Gaussian of large blending weights is small if what is behind it looks the same.
 /// Costs about two forward passes per camera; views are summed in the order given. The pixels at which
 /// blending stops stay those of the whole scene. `seen` gets the render of each camera, as [`crate::render`] makes it.
 #[must_use]
-pub fn worth(scene: &Scene, cameras: &[Camera], mut seen: impl FnMut(Image)) -> Worth {
+pub fn removal(scene: &Scene, cameras: &[Camera], mut seen: impl FnMut(Image)) -> Removal {
     let n = scene.len();
-    let mut out = Worth { removal: vec![0.0; n], squared: vec![0.0; n] };
+    let mut out = Removal { effects: vec![0.0; n], squared: vec![0.0; n] };
     let mut f = Forward::default();
     let (mut records, mut sums) = (Vec::new(), Vec::new());
     for camera in cameras {
@@ -39,8 +39,8 @@ pub fn worth(scene: &Scene, cameras: &[Camera], mut seen: impl FnMut(Image)) -> 
         f.run(scene, &view);
         effects(&view, &f, &mut records);
         gather(&f.lists, &records, f.order.len(), &mut sums, |_, _| ());
-        for (i, &[removal, squared]) in f.projected.gaussians().zip(&sums) {
-            out.removal[i] += removal;
+        for (i, &[effect, squared]) in f.projected.gaussians().zip(&sums) {
+            out.effects[i] += effect;
             out.squared[i] += squared;
         }
         seen(f.image(&view));

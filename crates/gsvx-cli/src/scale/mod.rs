@@ -3,13 +3,13 @@
 //!
 //! The stream is that of an encode in memory, byte for byte. See `docs/scale.md`.
 
+mod cameras;
 mod inputs;
 mod memory;
 mod plan_file;
 mod planning;
 mod rows;
 mod scratch;
-mod sight;
 mod thinned;
 
 use crate::content::SceneArgs;
@@ -21,6 +21,7 @@ use crate::report::Reporter;
 use crate::stream_file::StreamFile;
 use crate::views::Origin;
 use anyhow::{Error, Result};
+use cameras::{CameraFile, PlanCameras};
 use gsvx::{Choices, Index};
 use indicatif::DecimalBytes;
 use inputs::SceneFile;
@@ -29,7 +30,6 @@ use rayon::prelude::*;
 use rows::TileRows;
 use scratch::Scratch;
 use serde_json::json;
-use sight::{CameraFile, Sight};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -59,9 +59,14 @@ fn scratch(args: &SceneArgs, key: &str) -> Result<Scratch> {
 }
 
 /// Tells work from other work.
-fn key(args: &SceneArgs, choices: Choices, what: &str, sight: Option<&Sight>) -> Result<String> {
+fn key(
+    args: &SceneArgs,
+    choices: Choices,
+    what: &str,
+    cameras: Option<&PlanCameras>,
+) -> Result<String> {
     let mut key = format!("gsvx {VERSION} {what}\n");
-    key += &serde_json::to_string(&(&args.reading, choices, sight.map(Sight::file)))?;
+    key += &serde_json::to_string(&(&args.reading, choices, cameras.map(PlanCameras::file)))?;
     key.push('\n');
     for path in &args.inputs {
         key += &SceneFile::new(path)?.key();
@@ -83,19 +88,19 @@ fn state_room(inputs: &[PathBuf], scratch: &Scratch) -> Result<()> {
 pub(crate) fn plan(args: &SceneArgs, choices: Choices, report: Reporter) -> Result<()> {
     let output = Output::open(&args.output, args.force, &args.inputs)?;
     let start = Instant::now();
-    let sight = args.content.cameras.as_deref().map(Sight::read).transpose()?;
-    let sight = sight.as_ref();
-    let scratch = scratch(args, &key(args, choices, "plan", sight)?)?;
-    let mut plan = planning::survey(args, choices, sight, &scratch)?;
+    let cameras = args.content.cameras.as_deref().map(PlanCameras::read).transpose()?;
+    let cameras = cameras.as_ref();
+    let scratch = scratch(args, &key(args, choices, "plan", cameras)?)?;
+    let mut plan = planning::survey(args, choices, cameras, &scratch)?;
     let rows = TileRows::write(&plan, &plan.plan.sample(), 0, &scratch)?;
-    planning::measure(&mut plan, &rows, sight)?;
+    planning::measure(&mut plan, &rows, cameras)?;
     let text = plan.text()?;
     let written = output.write(|out| Ok(out.write_all(text.as_bytes())?))?;
     scratch.remove();
     let (count, tiles) = (plan.plan.count(), plan.plan.tile_counts().len());
     let seconds = start.elapsed().as_secs_f64();
     let (of, into) = (counted(count, "Gaussian"), counted(tiles, "tile"));
-    let origin = sight.and_then(|sight| sight.origin.as_ref());
+    let origin = cameras.and_then(|cameras| cameras.origin.as_ref());
     let json = json!({
         "gaussians": count,
         "tiles": tiles,
@@ -121,8 +126,8 @@ pub(crate) fn part(args: &SceneArgs, part: ScenePart, report: Reporter) -> Resul
     plan.inputs.iter().for_each(|i| key += &i.key());
     let scratch = scratch(args, &key)?;
     let tiles = plan.plan.part(part.k - 1, part.n).collect();
-    let sight = plan.cameras.as_ref().map(CameraFile::open).transpose()?;
-    let work = Work { plan: &plan, tiles, sight: sight.as_ref(), scratch: &scratch };
+    let cameras = plan.cameras.as_ref().map(CameraFile::open).transpose()?;
+    let work = Work { plan: &plan, tiles, cameras: cameras.as_ref(), scratch: &scratch };
     let made = work.encode(memory::tiles_at_once(args.room.memory)?, start)?;
     made.write(output, &part.mark(id), report)?;
     scratch.remove();
@@ -134,24 +139,24 @@ pub(crate) fn encode(args: &SceneArgs, choices: Choices, report: Reporter) -> Re
     let at_once = memory::tiles_at_once(args.room.memory)?;
     let output = Output::open(&args.output, args.force, &args.inputs)?;
     let start = Instant::now();
-    let sight = args.content.cameras.as_deref().map(Sight::read).transpose()?;
-    let sight = sight.as_ref();
-    let scratch = scratch(args, &key(args, choices, "encode", sight)?)?;
+    let cameras = args.content.cameras.as_deref().map(PlanCameras::read).transpose()?;
+    let cameras = cameras.as_ref();
+    let scratch = scratch(args, &key(args, choices, "encode", cameras)?)?;
     state_room(&args.inputs, &scratch)?;
     let plan = match std::fs::read(scratch.path(PLAN)) {
         Ok(bytes) => PlanFile::parse(&bytes)?,
         Err(_) => {
-            let mut plan = planning::survey(args, choices, sight, &scratch)?;
-            let rows = Work::of_all(&plan, sight, &scratch).rows()?;
-            planning::measure(&mut plan, &rows, sight)?;
+            let mut plan = planning::survey(args, choices, cameras, &scratch)?;
+            let rows = Work::of_all(&plan, cameras, &scratch).rows()?;
+            planning::measure(&mut plan, &rows, cameras)?;
             scratch.write(PLAN, plan.text()?.as_bytes())?;
             plan
         }
     };
     warn_of_coarse_cells(&plan);
     // Cameras that may not be the model's own decide nothing.
-    let sight = sight.filter(|_| plan.cameras.is_some());
-    let work = Work::of_all(&plan, sight, &scratch);
+    let cameras = cameras.filter(|_| plan.cameras.is_some());
+    let work = Work::of_all(&plan, cameras, &scratch);
     work.encode(at_once, start)?.write(output, "", report)?;
     scratch.remove();
     Ok(())
@@ -172,14 +177,14 @@ fn warn_of_coarse_cells(plan: &PlanFile) {
 struct Work<'a> {
     plan: &'a PlanFile,
     tiles: Vec<usize>,
-    sight: Option<&'a Sight>,
+    cameras: Option<&'a PlanCameras>,
     scratch: &'a Scratch,
 }
 
 impl<'a> Work<'a> {
-    fn of_all(plan: &'a PlanFile, sight: Option<&'a Sight>, scratch: &'a Scratch) -> Self {
+    fn of_all(plan: &'a PlanFile, cameras: Option<&'a PlanCameras>, scratch: &'a Scratch) -> Self {
         let tiles = (0..plan.plan.tile_counts().len()).collect();
-        Self { plan, tiles, sight, scratch }
+        Self { plan, tiles, cameras, scratch }
     }
 
     fn gaussians(&self) -> u64 {
@@ -196,7 +201,7 @@ impl<'a> Work<'a> {
 
     /// Encodes the tiles, each as a stream among the scratch files.
     fn encode(&self, at_once: usize, start: Instant) -> Result<TileStreams> {
-        let Self { plan, tiles, sight, scratch } = self;
+        let Self { plan, tiles, cameras, scratch } = self;
         let name = |tile: usize| format!("tile-{tile:06}.gsvx");
         let left: Vec<usize> = tiles.iter().copied().filter(|&t| !scratch.has(&name(t))).collect();
         let mut streams: Vec<PathBuf> = tiles.iter().map(|&t| scratch.path(&name(t))).collect();
@@ -214,7 +219,7 @@ impl<'a> Work<'a> {
             for some in left.chunks(at_once) {
                 some.par_iter().with_max_len(1).try_for_each(|&tile| {
                     let gaussians = rows.tile(tile)?;
-                    let seen = sight.map(|s| s.of(&gaussians).weights).unwrap_or_default();
+                    let seen = cameras.map(|s| s.of(&gaussians).squared).unwrap_or_default();
                     let encoded = plan.plan.encode(tile, &gaussians, &seen)?;
                     scratch.write(&name(tile), &encoded.bytes)?;
                     bar.inc();
@@ -225,7 +230,7 @@ impl<'a> Work<'a> {
         let input_bytes = plan.inputs.iter().map(|i| i.bytes).sum();
         let transparent = plan.inputs.iter().map(|i| i.transparent).sum();
         let (gaussians, tiles) = (self.gaussians(), step.elapsed().as_secs_f64());
-        let cameras = sight.and_then(|sight| sight.origin.clone());
+        let cameras = cameras.and_then(|cameras| cameras.origin.clone());
         Ok(TileStreams { streams, gaussians, transparent, input_bytes, cameras, before, tiles })
     }
 }

@@ -1,7 +1,7 @@
 //! [`PlanFile`]: what `gsvx plan` writes.
 
+use super::cameras::CameraFile;
 use super::inputs::SceneFile;
-use super::sight::CameraFile;
 use crate::input::{self, Reading, name};
 use anyhow::{Context, Result, bail};
 use gsvx::Plan;

@@ -1,10 +1,10 @@
 //! Plans: what `gsvx plan` writes, and how it is found.
 
+use super::cameras::PlanCameras;
 use super::inputs::{SceneFile, progress};
 use super::plan_file::PlanFile;
 use super::rows::TileRows;
 use super::scratch::Scratch;
-use super::sight::Sight;
 use super::thinned::Thinned;
 use crate::content::SceneArgs;
 use crate::input::name;
@@ -26,12 +26,12 @@ const PIECE: usize = 1 << 16;
 pub(crate) fn survey(
     args: &SceneArgs,
     choices: Choices,
-    sight: Option<&Sight>,
+    cameras: Option<&PlanCameras>,
     scratch: &Scratch,
 ) -> Result<PlanFile> {
     let files = args.inputs.iter().map(|path| SceneFile::new(path));
     let mut inputs = files.collect::<Result<Vec<_>>>()?;
-    let mut survey = Survey::new(choices.max_sh_degree);
+    let mut survey = Survey::new(choices.code.max_sh_degree);
     let mut means = BufWriter::with_capacity(1 << 20, scratch.begin(MEANS)?);
     let bar = progress("survey", inputs.iter());
     let mut first: Option<Scene> = None;
@@ -40,7 +40,7 @@ pub(crate) fn survey(
         let path = input.path.clone();
         // What lossy coding cannot hold is refused by its number in the file.
         let look = |scene: &Scene, first: usize| {
-            let most = choices.max_sh_degree;
+            let most = choices.code.max_sh_degree;
             gsvx::check_values(scene, most, first).with_context(|| name(&path))
         };
         input.survey(&args.reading, &bar, look, |mut scene| {
@@ -50,7 +50,7 @@ pub(crate) fn survey(
             }
             scene.move_origin(first.origin);
             survey.add(&scene);
-            sight.iter().for_each(|_| few.add(&scene));
+            cameras.iter().for_each(|_| few.add(&scene));
             let coordinates = scene.means.as_flattened().iter();
             let bytes: Vec<u8> = coordinates.flat_map(|x| x.to_le_bytes()).collect();
             means.write_all(&bytes).map_err(|e| scratch.full(e))
@@ -78,13 +78,13 @@ pub(crate) fn survey(
         input.tiles = (0..).zip(found).filter(|(_, f)| *f).map(|(t, _)| t).collect();
     }
     scratch.forget(&format!("{MEANS}.part"));
-    let differ = |sight: &Sight| sight.photos_differ(few, choices);
-    let doubted = sight.map(differ).transpose()?.unwrap_or(false);
+    let differ = |cameras: &PlanCameras| cameras.photos_differ(few, choices);
+    let doubted = cameras.map(differ).transpose()?.unwrap_or(false);
     if doubted {
         plan.forget_cameras();
     }
-    let (reading, sight) = (args.reading.clone(), sight.filter(|_| !doubted));
-    let cameras = sight.map(Sight::file);
+    let (reading, cameras) = (args.reading.clone(), cameras.filter(|_| !doubted));
+    let cameras = cameras.map(PlanCameras::file);
     Ok(PlanFile { gsvx: super::VERSION.into(), reading, inputs, cameras, plan })
 }
 
@@ -110,11 +110,15 @@ fn read_means(from: &mut File, left: &mut u64) -> std::io::Result<Vec<[f32; 3]>>
 
 /// Finishes a plan by the tiles of its sample, of which `rows` has the Gaussians. Cameras that may not be the model's
 /// own decide nothing, with a warning.
-pub(crate) fn measure(file: &mut PlanFile, rows: &TileRows, sight: Option<&Sight>) -> Result<()> {
-    let sight = sight.filter(|_| file.cameras.is_some());
-    let Some(best) = measure_by(&mut file.plan, rows, sight)? else { return Ok(()) };
-    let doubted = match sight {
-        Some(sight) => sight.is_doubted(&rows.tile(best)?, file.plan.choices())?,
+pub(crate) fn measure(
+    file: &mut PlanFile,
+    rows: &TileRows,
+    cameras: Option<&PlanCameras>,
+) -> Result<()> {
+    let cameras = cameras.filter(|_| file.cameras.is_some());
+    let Some(best) = measure_by(&mut file.plan, rows, cameras)? else { return Ok(()) };
+    let doubted = match cameras {
+        Some(cameras) => cameras.is_doubted(&rows.tile(best)?, file.plan.choices())?,
         None => false,
     };
     if doubted {
@@ -126,23 +130,27 @@ pub(crate) fn measure(file: &mut PlanFile, rows: &TileRows, sight: Option<&Sight
 }
 
 /// Measures by cameras, or else by a guess. Returns the tile of the sample of which they see most.
-fn measure_by(plan: &mut Plan, rows: &TileRows, sight: Option<&Sight>) -> Result<Option<usize>> {
+fn measure_by(
+    plan: &mut Plan,
+    rows: &TileRows,
+    cameras: Option<&PlanCameras>,
+) -> Result<Option<usize>> {
     let sample = plan.sample();
     let mut shown = Vec::with_capacity(sample.len());
-    let bar = sight.map(|_| Meter::new("importance of a sample", plan.sample().len()));
-    let _spinner = sight.is_none().then(|| Meter::spinner("measuring a sample".into()));
+    let bar = cameras.map(|_| Meter::new("importance of a sample", plan.sample().len()));
+    let _spinner = cameras.is_none().then(|| Meter::spinner("measuring a sample".into()));
     let mut all = 0.0;
     let see = |tile: &Scene| {
-        let found = sight.map(|s| s.of(tile)).unwrap_or_default();
-        shown.push(found.share * tile.len() as f64);
+        let found = cameras.map(|s| s.of(tile)).unwrap_or_default();
+        shown.push(found.share(tile) * tile.len() as f64);
         all += tile.len() as f64;
         bar.iter().for_each(Meter::inc);
-        Ok(found.weights)
+        Ok(found.squared)
     };
     plan.measure::<Error>(|tile| rows.tile(tile), see)?;
     drop(bar);
     let seen: f64 = shown.iter().sum();
-    sight.map_or(Ok(()), |s| s.check(if all > 0.0 { seen / all } else { 1.0 }))?;
+    cameras.map_or(Ok(()), |s| s.check(if all > 0.0 { seen / all } else { 1.0 }))?;
     let tiles = sample.into_iter().zip(shown);
     Ok(tiles.max_by(|a, b| a.1.total_cmp(&b.1)).map(|(tile, _)| tile))
 }

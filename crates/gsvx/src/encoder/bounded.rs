@@ -7,11 +7,12 @@
 //!
 //! Invariant: what [`encode`] returns has been decoded, and keeps all bounds.
 
-use super::encode::encode_source;
+use super::encode::{Coding, encode_source};
 use super::encoded::Encoded;
-use super::options::{EncodeOptions, MaxError};
+use super::options::{CodeOptions, MaxError};
 use super::source::GaussianSource;
 use crate::error::Result;
+use crate::head::Steps;
 use gs_model::Scene;
 use rayon::prelude::*;
 use voxel::{Importance, Voxelization};
@@ -37,7 +38,7 @@ pub(crate) fn encode(
     scene: &Scene,
     outliers: &[usize],
     bounds: &MaxError,
-    options: &EncodeOptions,
+    options: &CodeOptions,
 ) -> Result<Option<Encoded>> {
     bounds.check()?;
     let mut exact = vec![false; scene.len()];
@@ -45,14 +46,13 @@ pub(crate) fn encode(
     let mut steps = steps::first(bounds);
     for round in 0..MOST_ENCODES {
         let Some(placed) = place(scene, &mut exact, bounds)? else { break };
-        let options = EncodeOptions { steps, uniform_precision: true, ..options.clone() };
-        let encoded = encode_once(scene, &placed, &exact, &options)?;
+        let encoded = encode_once(scene, &placed, &exact, &steps, options)?;
         let decoded = encoded.decode()?;
         let ratios = ratios(scene, &placed.order, &decoded, bounds);
         let worst = largest_ratios(&ratios);
         if round > 0 && worst.iter().all(|&r| r <= 1.0) {
-            let rows = options.rows.then(|| rows(&placed.order, &exact));
             let max_error = Some(bounds.times(&worst));
+            let rows = rows(&placed.order, &exact);
             return Ok(Some(Encoded { max_error, rows, ..encoded }));
         }
         steps = steps::next(steps, &worst, round == 0, bounds);
@@ -79,7 +79,8 @@ fn encode_once(
     scene: &Scene,
     placed: &Placed,
     exact: &[bool],
-    options: &EncodeOptions,
+    steps: &Steps,
+    options: &CodeOptions,
 ) -> Result<Encoded> {
     let outliers: Vec<usize> = (0..scene.len()).filter(|&i| exact[i]).collect();
     let outliers = scene.select(&outliers);
@@ -93,5 +94,8 @@ fn encode_once(
         merged: true,
         whole: None,
     };
-    encode_source(&source, Some(&outliers), options)
+    let options = &CodeOptions { uniform_precision: true, ..*options };
+    // What saves bits on average makes single errors large.
+    let coding = Coding { lambda: Some(0.0), ..Coding::new(steps, options) };
+    encode_source(&source, Some(&outliers), coding)
 }

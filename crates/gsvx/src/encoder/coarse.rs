@@ -1,9 +1,9 @@
 //! [`Coarse`]: the coarser levels of detail of leaves whose Gaussians an optimiser moves.
 
 use super::assemble::EncodedChunk;
-use super::encode::encode_levels;
+use super::encode::{Coding, encode_levels};
 use super::lod::LodLevel;
-use super::options::EncodeOptions;
+use super::options::CodeOptions;
 use super::source::GaussianSource;
 use crate::error::Result;
 use crate::head::Header;
@@ -32,7 +32,7 @@ impl Coarse {
     pub(crate) fn encode(&self, finest: &Scene, header: &Header) -> Result<Vec<EncodedChunk>> {
         let Self { voxels, levels, weights } = self;
         let source = GaussianSource { scene: finest, voxels, weights, merged: true, whole: None };
-        let options = EncodeOptions { steps: header.steps, ..EncodeOptions::default() };
-        encode_levels(&source, levels, header.sh_degree, &options)
+        let options = CodeOptions::default();
+        encode_levels(&source, levels, header.sh_degree, Coding::new(&header.steps, &options))
     }
 }

@@ -6,11 +6,11 @@ use super::check::{
 };
 use super::encoded::Encoded;
 use super::lod::{self, LodLevel};
-use super::options::EncodeOptions;
+use super::options::CodeOptions;
 use super::source::{GaussianSource, Whole};
 use crate::chunk::How;
 use crate::error::Result;
-use crate::head::Header;
+use crate::head::{Header, Steps};
 use crate::importance;
 use gpcc_lite::Octree;
 use gs_model::Scene;
@@ -18,11 +18,27 @@ use rayon::prelude::*;
 use std::ops::Range;
 use voxel::{Importance, Voxelization};
 
+/// How a source is coded.
+#[derive(Clone, Copy)]
+pub(crate) struct Coding<'a> {
+    pub(crate) steps: &'a Steps,
+    pub(crate) options: &'a CodeOptions,
+    /// See [`How::lambda`].
+    pub(crate) lambda: Option<f32>,
+}
+
+impl<'a> Coding<'a> {
+    /// By the quantiser's own trade of errors for bits.
+    pub(crate) fn new(steps: &'a Steps, options: &'a CodeOptions) -> Self {
+        Self { steps, options, lambda: None }
+    }
+}
+
 /// Encodes a voxelized scene.
 ///
 /// `scene` holds one Gaussian per leaf of `octree`, in leaf order, each at its leaf's centre (what
-/// [`voxel::merge`] returns, or a fine-tuned version of it). Importances in `options` are per leaf.
-/// `outliers` are coded bit for bit; a decoder returns them behind the leaves, in their order.
+/// [`voxel::merge`] returns, or a fine-tuned version of it). `importance` is that of each leaf, in any unit; without it
+/// [`crate::importance::without_cameras`] guesses. `outliers` are coded bit for bit; a decoder returns them behind the leaves, in their order.
 ///
 /// # Errors
 /// [`Length`](crate::Error::Length), [`OffCentre`](crate::Error::OffCentre) or
@@ -32,28 +48,33 @@ pub fn encode_voxels(
     scene: &Scene,
     octree: &Octree,
     outliers: Option<&Scene>,
-    options: &EncodeOptions,
+    importance: Option<&[f32]>,
+    steps: &Steps,
+    options: &CodeOptions,
 ) -> Result<Encoded> {
     check_lengths(scene)?;
     check_centres(scene, octree)?;
-    let given = options.importance.clone();
-    if let Some(given) = &given {
+    if let Some(given) = importance {
         check_length("importances", given.len(), scene.len())?;
     }
-    let importance = given.unwrap_or_else(|| importance::without_cameras(scene));
+    let importance = match importance {
+        Some(given) => given.to_vec(),
+        None => importance::without_cameras(scene),
+    };
     let weights = &Importance::Given(importance);
     let voxels = &Voxelization::one_each(octree.clone());
     let source = GaussianSource { scene, voxels, weights, merged: true, whole: None };
-    encode_source(&source, outliers, options)
+    encode_source(&source, outliers, Coding::new(steps, options))
 }
 
 /// Encodes the leaves of a source, a chunk at a time on each thread.
 pub(crate) fn encode_source(
     source: &GaussianSource<'_>,
     outliers: Option<&Scene>,
-    options: &EncodeOptions,
+    coding: Coding<'_>,
 ) -> Result<Encoded> {
-    check_steps(&options.steps)?;
+    let Coding { steps, options, .. } = coding;
+    check_steps(steps)?;
     let outliers = checked_outliers(outliers, source.scene.sh_degree)?;
     let exact_degree = outliers.map_or(0, |o| used_degree(o, options.max_sh_degree));
     let used = || used_degree(source.scene, options.max_sh_degree).max(exact_degree);
@@ -63,17 +84,17 @@ pub(crate) fn encode_source(
         sh_degree,
         j_high: source.voxels.octree().depth(),
         cube: source.voxels.octree().cube(),
-        steps: options.steps,
+        steps: *steps,
         antialiased: source.scene.antialiased,
         origin: source.scene.origin,
     };
     let tiles = source.whole.map_or(lod::LodTiles::ONE, |w| w.tiles);
     let levels = lod::levels(source.voxels, options, tiles)?;
-    let chunks = encode_levels(source, &levels, sh_degree, options)?;
+    let chunks = encode_levels(source, &levels, sh_degree, coding)?;
     let chunks = without_zero_degrees(chunks, exact_degree);
     let (header, chunks) = joined(&header, chunks, outliers, exact_degree);
     let left_out = source.voxels.dropped().len();
-    let rows = options.rows.then(|| source.voxels.leaf_of_each(source.scene.len()));
+    let rows = source.voxels.leaf_of_each(source.scene.len());
     Ok(Encoded { left_out, rows, ..assemble(header, chunks)? })
 }
 
@@ -82,20 +103,15 @@ pub(crate) fn encode_levels(
     source: &GaussianSource<'_>,
     levels: &[LodLevel],
     sh_degree: u8,
-    options: &EncodeOptions,
+    coding: Coding<'_>,
 ) -> Result<Vec<EncodedChunk>> {
-    let how = How {
-        steps: &options.steps,
-        sh_degree,
-        fit: true,
-        // What saves bits on average makes single errors large.
-        lambda: options.max_error.map(|_| 0.0),
-    };
+    let Coding { steps, lambda, .. } = coding;
+    let how = How { steps, sh_degree, fit: true, lambda };
     let importance = source.importance();
     let jobs: Vec<_> = levels
         .iter()
         .rev()
-        .map(|level| (level, classes(source, level, &level.sum(&importance), options)))
+        .map(|level| (level, classes(source, level, &level.sum(&importance), coding)))
         .collect();
     drop(importance);
     let each = jobs.iter().flat_map(|(level, classes)| {
@@ -122,9 +138,9 @@ fn classes(
     source: &GaussianSource<'_>,
     level: &LodLevel,
     importance: &[f32],
-    options: &EncodeOptions,
+    Coding { steps, options, .. }: Coding<'_>,
 ) -> Vec<f32> {
-    let step = options.steps.covariance;
+    let step = steps.covariance;
     match source.whole.filter(|_| level.lod == 0) {
         _ if options.uniform_precision => {
             vec![f32::from(importance::MEAN_CLASS); importance.len()]

@@ -15,7 +15,7 @@ pub struct Encoded {
     pub index: Index,
     /// Gaussians that were left out because no rasterizer draws them: [`gs_model::LEAST_DRAWN_LOGIT`].
     pub transparent: usize,
-    /// Gaussians that [`crate::EncodeOptions::prune`] left out.
+    /// Gaussians that [`crate::PrepareOptions::prune`] left out.
     pub pruned: usize,
     /// Gaussians that the voxelization left out; those that it merged are not counted.
     pub left_out: usize,
@@ -23,12 +23,11 @@ pub struct Encoded {
     /// far apart, or differ so much in size, that an octree's 21 levels do not suffice. The parts are better
     /// encoded apart.
     pub coarse_cells: Option<CoarseCells>,
-    /// The greatest errors, where [`crate::EncodeOptions::max_error`] bounds them: they have been measured.
+    /// The greatest errors, where [`crate::Aim::MaxError`] bounds them: they have been measured.
     pub max_error: Option<MaxError>,
-    /// If [`crate::EncodeOptions::rows`] asks for it, and always of [`crate::encode_lossless`]: the row in which a decoder
-    /// returns each Gaussian of the input. Gaussians that were merged share one. [`LEFT_OUT`] stands for
-    /// those left out.
-    pub rows: Option<Vec<u32>>,
+    /// The row in which a decoder returns each Gaussian of the input. Gaussians that were merged share one.
+    /// [`LEFT_OUT`] stands for those left out. [`crate::latents`] has no input, and leaves this empty.
+    pub rows: Vec<u32>,
 }
 
 /// How coarse the finest cells are; see [`Encoded::coarse_cells`].

@@ -35,10 +35,10 @@ pub(crate) fn all_exact(scene: &Scene, keep_order: bool) -> Result<Encoded> {
         origin: scene.origin,
     };
     if n == 0 {
-        return Ok(Encoded { rows: Some(Vec::new()), ..assemble(header, Vec::new())? });
+        return assemble(header, Vec::new());
     }
     let (chunk, order) = exact_chunk(scene, keep_order);
     let mut rows: Vec<u32> = (0..n as u32).collect();
     (0..).zip(&order).for_each(|(row, &i)| rows[i as usize] = row);
-    Ok(Encoded { rows: Some(rows), ..assemble(header, vec![chunk])? })
+    Ok(Encoded { rows, ..assemble(header, vec![chunk])? })
 }

@@ -17,7 +17,7 @@ use super::check::{check_centres, check_length, check_lengths, check_steps, used
 use super::coarse::Coarse;
 use super::encoded::Encoded;
 use super::lod;
-use super::options::EncodeOptions;
+use super::options::CodeOptions;
 use crate::attributes::opacity;
 use crate::chunk::{self, ChunkEncoder, GaussiansMut, How, LAMBDA_MOVED, Values, coded};
 pub use crate::chunk::{GaussianGradient, Transform};
@@ -51,18 +51,16 @@ impl Latents {
     ///
     /// # Errors
     /// Those of [`crate::encode_voxels`].
-    pub fn new(scene: &Scene, octree: &Octree, options: &EncodeOptions) -> Result<Self> {
+    pub fn new(
+        scene: &Scene,
+        octree: &Octree,
+        importance: &[f32],
+        steps: Steps,
+        options: &CodeOptions,
+    ) -> Result<Self> {
         check_lengths(scene)?;
         check_centres(scene, octree)?;
         chunk::check(scene, 0)?;
-        let guessed;
-        let importance = match &options.importance {
-            Some(given) => given,
-            None => {
-                guessed = importance::without_cameras(scene);
-                &guessed
-            }
-        };
         let sh_degree = used_degree(scene, options.max_sh_degree);
         let channels = channels(sh_degree);
         let mut values = vec![0.0; channels * scene.len()];
@@ -72,7 +70,7 @@ impl Latents {
                 group.values(scene, i, &mut row[group.among(channels)]);
             }
         });
-        Self::with_values(octree, importance, options, &scene.emptied(sh_degree), values)
+        Self::with_values(octree, importance, steps, options, &scene.emptied(sh_degree), values)
     }
 
     /// Goes on with the values of other latents on the same leaves, with the same importance of each. `empty` is their
@@ -83,16 +81,17 @@ impl Latents {
     pub fn with_values(
         octree: &Octree,
         importance: &[f32],
-        options: &EncodeOptions,
+        steps: Steps,
+        options: &CodeOptions,
         empty: &Scene,
         values: Vec<f32>,
     ) -> Result<Self> {
-        check_steps(&options.steps)?;
+        check_steps(&steps)?;
         let &Scene { sh_degree, antialiased, origin, .. } = empty;
         let channels = channels(sh_degree);
         check_length("importances", importance.len(), octree.len())?;
         check_length("values", values.len(), channels * octree.len())?;
-        let classes = importance::log_classes(importance, options.steps.covariance);
+        let classes = importance::log_classes(importance, steps.covariance);
         let voxels = Voxelization::one_each(octree.clone());
         let mut levels = lod::levels(&voxels, options, lod::LodTiles::ONE)?;
         let cuts = levels.remove(0).cuts;
@@ -108,7 +107,7 @@ impl Latents {
             sh_degree,
             j_high: octree.depth(),
             cube: octree.cube(),
-            steps: options.steps,
+            steps,
             antialiased,
             origin,
         };

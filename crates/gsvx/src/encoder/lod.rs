@@ -8,7 +8,7 @@
 //! Invariant: no Gaussian of any level stands for leaves of two tiles, so the levels of a tile follow from its own
 //! leaves and the number of levels.
 
-use super::options::EncodeOptions;
+use super::options::CodeOptions;
 use crate::error::{Result, coding};
 use gpcc_lite::{Leaf, Octree};
 use std::ops::Range;
@@ -70,7 +70,7 @@ impl<'a> LodTiles<'a> {
         tiles: &'a [(usize, Range<u64>)],
         several: bool,
         gaussians: u64,
-        options: &EncodeOptions,
+        options: &CodeOptions,
     ) -> Self {
         let mut levels = 0;
         let mut left = gaussians as usize;
@@ -83,7 +83,7 @@ impl<'a> LodTiles<'a> {
 }
 
 /// Whether a scene with so many coarse levels, the coarsest of so many leaves, has another.
-fn another(levels: usize, leaves: usize, options: &EncodeOptions) -> bool {
+fn another(levels: usize, leaves: usize, options: &CodeOptions) -> bool {
     options.lod
         && leaves >= LEAST
         && (levels == 0 || leaves > options.chunk_leaves.get())
@@ -94,7 +94,7 @@ fn another(levels: usize, leaves: usize, options: &EncodeOptions) -> bool {
 /// all levels also begin where tiles begin.
 pub(crate) fn levels(
     voxels: &Voxelization,
-    options: &EncodeOptions,
+    options: &CodeOptions,
     tiles: LodTiles<'_>,
 ) -> Result<Vec<LodLevel>> {
     let n = voxels.len();
@@ -239,7 +239,7 @@ mod tests {
         let cube = gpcc_lite::Cube { origin: [0.0; 3], side: 1.0 };
         let voxels = Voxelization::one_each(Octree::new(cube, 11, leaves).unwrap());
         let chunk_leaves = NonZeroUsize::new(64).unwrap();
-        let options = EncodeOptions { lod: true, chunk_leaves, ..EncodeOptions::default() };
+        let options = CodeOptions { lod: true, chunk_leaves, ..CodeOptions::default() };
         // Two tiles: the second begins with leaf 700.
         let code = voxels.octree().leaves()[700].morton;
         let tiles = [(0, 0..code), (700, code..u64::MAX)];

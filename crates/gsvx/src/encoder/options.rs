@@ -27,14 +27,26 @@ pub enum Leaves {
 
 /// Where importances come from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-pub enum Seen {
-    /// The rasterizer's sum of squared blending weights over cameras, and something of what they hardly see: see
-    /// [`crate::importance::with_unseen`]. What is too little to pay for its bits is left out.
-    ByCameras,
+pub enum ImportanceFrom {
+    /// Visibility, the rasterizer's sum of squared blending weights over cameras, and something of what they hardly
+    /// see: see [`crate::importance::with_unseen`]. What is too little to pay for its bits is left out.
+    Cameras,
     /// The same from cameras that show all that counts: what they hardly see is left out.
-    ByCamerasOnly,
+    CamerasAlone,
     /// [`crate::importance::without_cameras`]: a guess, on which nothing is left out.
-    Guessed,
+    Guess,
+}
+
+impl ImportanceFrom {
+    /// The source, if importances come from cameras or not.
+    #[must_use]
+    pub fn of(by_cameras: bool, drop_unseen: bool) -> Self {
+        match (by_cameras, drop_unseen) {
+            (false, _) => Self::Guess,
+            (true, false) => Self::Cameras,
+            (true, true) => Self::CamerasAlone,
+        }
+    }
 }
 
 /// The greatest error of each attribute, as a bound or as measured.
@@ -50,6 +62,18 @@ pub struct MaxError {
     pub shape: f32,
     /// Of an SH coefficient, DC included.
     pub sh: f32,
+}
+
+impl Leaves {
+    /// By rate and distortion without a depth, uniform at a depth alone, and by the paper's criteria from `j_low` on.
+    #[must_use]
+    pub fn of_depths(depth: Option<u8>, j_low: Option<u8>) -> Self {
+        match (depth, j_low) {
+            (Some(depth), Some(j_low)) => Self::Paper { j_low: j_low.min(depth), j_high: depth },
+            (Some(depth), None) => Self::Uniform { depth },
+            (None, _) => Self::RateDistortion,
+        }
+    }
 }
 
 impl MaxError {
@@ -79,32 +103,24 @@ impl MaxError {
     }
 }
 
-/// Options of [`crate::encode`], [`crate::prepare`] and [`crate::encode_voxels`].
-#[derive(Clone, Debug, PartialEq)]
-#[non_exhaustive]
-pub struct EncodeOptions {
-    /// Quality from 0 (smallest) to 100 (best), by which [`crate::encode`] voxelizes.
-    pub quality: f32,
+/// What becomes of a model before it is coded: see [`crate::prepare`].
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PrepareOptions {
     /// Which cells of the octree become leaves.
     pub leaves: Leaves,
-    /// Fraction of the Gaussians that [`crate::encode`] leaves out first, those of least importance; from 0
-    /// to below 1.
+    /// Fraction of the Gaussians that is left out first, those of least importance; from 0 to below 1.
     pub prune: f64,
-    /// Bounds on errors. With these [`crate::encode`] merges nothing, and codes as few bits as keep every
-    /// attribute of every Gaussian within them. Quality, steps and importances have no effect
-    /// then. See [`MaxError::check`].
-    pub max_error: Option<MaxError>,
-    /// Quantisation steps.
-    pub steps: Steps,
+    /// With importances from cameras: leave out what they see too little of to pay for its bits, and above all what
+    /// they do not see. Otherwise the most prominent part of that is kept, coarsely
+    /// ([`crate::importance::with_unseen`]).
+    pub drop_unseen: bool,
+}
+
+/// How leaves are coded: see [`crate::encode_voxels`].
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct CodeOptions {
     /// Highest SH degree kept; higher ones are dropped. 3 keeps all.
     pub max_sh_degree: u8,
-    /// Importance of each Gaussian (of each leaf for [`crate::encode_voxels`]), in any unit; see
-    /// [`crate::importance`]. `None` uses [`crate::importance::without_cameras`].
-    pub importance: Option<Vec<f32>>,
-    /// With importances from cameras: [`crate::encode`] leaves out what they see too little of to pay for
-    /// its bits, and above all what they do not see. Otherwise it keeps the most prominent part of that,
-    /// coarsely ([`crate::importance::with_unseen`]).
-    pub drop_unseen: bool,
     /// Code all Gaussians with the same precision, as the paper does.
     pub uniform_precision: bool,
     /// Store coarser levels of detail in front of the finest.
@@ -112,8 +128,15 @@ pub struct EncodeOptions {
     /// Most leaves of a chunk. Smaller chunks cost bytes, since each learns its statistics anew; larger ones
     /// cost memory, and fewer of them can be decoded at once.
     pub chunk_leaves: NonZeroUsize,
-    /// Return in [`crate::Encoded::rows`] what became of each Gaussian.
-    pub rows: bool,
+}
+
+/// What becomes of a model, and how its leaves are coded: see [`crate::encode`].
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct EncodeOptions {
+    /// What becomes of the model before it is coded.
+    pub prepare: PrepareOptions,
+    /// How leaves are coded.
+    pub code: CodeOptions,
 }
 
 /// Leaves of a chunk for the web: a page shows it, and a worker holds it, at once.
@@ -122,9 +145,18 @@ const WEB_CHUNK: NonZeroUsize = NonZeroUsize::MIN.saturating_add((1 << 14) - 1);
 /// Leaves of a chunk by default.
 const CHUNK_LEAVES: NonZeroUsize = NonZeroUsize::MIN.saturating_add((1 << 15) - 1);
 
-impl Default for EncodeOptions {
+impl Default for CodeOptions {
     fn default() -> Self {
-        Self::at(DEFAULT_QUALITY)
+        Self { max_sh_degree: 3, uniform_precision: false, lod: false, chunk_leaves: CHUNK_LEAVES }
+    }
+}
+
+impl CodeOptions {
+    /// Makes what a web page wants: a coarse scene first, and small chunks. The quality for it is that of
+    /// [`crate::Preset::WEB`].
+    pub fn for_web(&mut self) {
+        self.lod = true;
+        self.chunk_leaves = WEB_CHUNK;
     }
 }
 
@@ -142,68 +174,19 @@ const OPACITY_PER_DC: f32 = 0.95;
 const SH_PER_DC: f32 = 0.72;
 const COVARIANCE_PER_DC: f32 = 1.4;
 
-impl EncodeOptions {
-    /// Options for a quality from 0 (smallest) to 100 (best). Each 15 points halve all steps.
+impl Steps {
+    /// The steps of a quality from 0 (smallest) to 100 (best). Each 15 points halve all steps.
     ///
     /// # Errors
     /// [`Error::Option`] if `quality` is outside 0 to 100 or NaN.
-    pub fn from_quality(quality: f32) -> Result<Self> {
+    pub fn of_quality(quality: f32) -> Result<Self> {
         if (0.0..=100.0).contains(&quality) {
-            Ok(Self::at(quality))
-        } else {
-            Err(Error::Option {
-                option: "quality",
-                value: f64::from(quality),
-                range: "between 0 and 100",
-            })
+            return Ok(Self::from_dc(DC_STEP_AT_ZERO * libm::exp2f(-quality / QUALITY_PER_OCTAVE)));
         }
+        let (value, range) = (f64::from(quality), "between 0 and 100");
+        Err(Error::Option { option: "quality", value, range })
     }
 
-    /// The same options at another quality.
-    ///
-    /// # Errors
-    /// As [`EncodeOptions::from_quality`].
-    pub fn at_quality(&self, quality: f32) -> Result<Self> {
-        let Self { quality, steps, .. } = Self::from_quality(quality)?;
-        Ok(Self { quality, steps, ..self.clone() })
-    }
-
-    /// Makes what a web page wants: a coarse scene first, and small chunks. The quality for it is that of
-    /// [`crate::Preset::WEB`].
-    pub fn for_web(&mut self) {
-        self.lod = true;
-        self.chunk_leaves = WEB_CHUNK;
-    }
-
-    /// Where importances come from, if they come from cameras or not.
-    pub(crate) fn seen(&self, by_cameras: bool) -> Seen {
-        match (by_cameras, self.drop_unseen) {
-            (false, _) => Seen::Guessed,
-            (true, false) => Seen::ByCameras,
-            (true, true) => Seen::ByCamerasOnly,
-        }
-    }
-
-    fn at(quality: f32) -> Self {
-        let dc = DC_STEP_AT_ZERO * libm::exp2f(-quality / QUALITY_PER_OCTAVE);
-        Self {
-            quality,
-            leaves: Leaves::RateDistortion,
-            prune: 0.0,
-            max_error: None,
-            steps: Steps::from_dc(dc),
-            max_sh_degree: 3,
-            importance: None,
-            drop_unseen: false,
-            uniform_precision: false,
-            lod: false,
-            chunk_leaves: CHUNK_LEAVES,
-            rows: false,
-        }
-    }
-}
-
-impl Steps {
     /// All steps from the DC step, in the default proportions.
     pub(crate) fn from_dc(dc: f32) -> Self {
         Self {

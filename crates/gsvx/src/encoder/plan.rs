@@ -4,11 +4,12 @@
 //! A plan is made in three passes over the Gaussians: a [`Survey`], then [`Plan::new`] counts Morton codes,
 //! then [`Plan::measure`] looks at a sample of the tiles.
 
+use super::Aim;
 use super::check::check_length;
-use super::encode::encode_source;
+use super::encode::{Coding, encode_source};
 use super::encoded::{CoarseCells, Encoded};
 use super::lod;
-use super::options::{EncodeOptions, Leaves, Seen};
+use super::options::{CodeOptions, EncodeOptions, ImportanceFrom, Leaves};
 use super::outliers::suffices;
 use super::source::{GaussianSource, Whole};
 use super::strategy::j_high;
@@ -16,34 +17,45 @@ use super::survey::Survey;
 use super::tiled::{Mean, TILE, TileRules, sample};
 use super::warning::EncodeWarning;
 use crate::error::{Error, Result};
+use crate::head::Steps;
 use crate::importance::{self, UnseenUnit};
 use gpcc_lite::Cube;
 use gs_model::Scene;
 use serde::{Deserialize, Serialize};
-use std::num::NonZeroUsize;
 use std::ops::Range;
 use voxel::{Importance, Tiles, WeightSums};
 
 /// What the caller of [`Plan::new`] chooses.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Choices {
-    /// See [`EncodeOptions::quality`].
+    /// From 0 (smallest) to 100 (best).
     pub quality: f32,
-    /// See [`EncodeOptions::max_sh_degree`].
-    pub max_sh_degree: u8,
-    /// See [`EncodeOptions::chunk_leaves`].
-    pub chunk_leaves: NonZeroUsize,
     /// Where importances come from.
-    pub seen: Seen,
-    /// See [`EncodeOptions::lod`].
-    pub lod: bool,
+    pub importance: ImportanceFrom,
+    /// How leaves are coded.
+    pub code: CodeOptions,
 }
 
 impl Choices {
-    fn options(&self) -> Result<EncodeOptions> {
-        let options = EncodeOptions::from_quality(self.quality)?;
-        let Self { max_sh_degree, chunk_leaves, lod, .. } = *self;
-        Ok(EncodeOptions { max_sh_degree, chunk_leaves, lod, ..options })
+    /// The choices of an aim. `by_cameras` tells whether importances will come from cameras.
+    ///
+    /// # Errors
+    /// [`Error::NotAtScale`] names what needs the whole scene in memory.
+    pub fn of(aim: Aim, options: &EncodeOptions, by_cameras: bool) -> Result<Self> {
+        let EncodeOptions { prepare, code } = *options;
+        let option = match aim {
+            Aim::Bytes(_) => "a target size",
+            Aim::Alike { .. } => "a target PSNR or SSIMULACRA2",
+            Aim::MaxError(_) => "a bound on the errors",
+            Aim::Lossless => "lossless coding",
+            Aim::Quality(_) if prepare.prune > 0.0 => "pruning",
+            Aim::Quality(_) if prepare.leaves != Leaves::RateDistortion => "another voxelization",
+            Aim::Quality(quality) => {
+                let importance = ImportanceFrom::of(by_cameras, prepare.drop_unseen);
+                return Ok(Self { quality, importance, code });
+            }
+        };
+        Err(Error::NotAtScale { option })
     }
 }
 
@@ -82,7 +94,7 @@ impl Plan {
         choices: Choices,
         mut visit: impl FnMut(&mut dyn FnMut(&[[f32; 3]])) -> std::result::Result<(), E>,
     ) -> std::result::Result<Self, E> {
-        choices.options()?;
+        Steps::of_quality(choices.quality)?;
         let (cube, median) = (survey.cube(), survey.median_log_scale());
         if median.is_some_and(|m| !suffices(m, &cube)) {
             return Err(Error::TooWide { side: cube.side }.into());
@@ -127,8 +139,8 @@ impl Plan {
     }
 
     /// Finishes the plan. `scene` gives the Gaussians of a tile of [`Plan::sample`], in the order of the input; it is
-    /// called two or three times for each. `seen` gives what cameras see of them (see [`EncodeOptions::importance`]);
-    /// it is called once for each, unless importances are guessed. SH coefficients above DC do not matter.
+    /// called two or three times for each. `seen` gives their visibility, the sums of squared
+    /// blending weights over cameras; it is called once for each, unless importances are guessed. SH coefficients above DC do not matter.
     ///
     /// # Errors
     /// Those of `scene` and `seen`; [`Error::Length`] if a tile has another number of Gaussians than were
@@ -142,7 +154,7 @@ impl Plan {
         let mut sums = WeightSums::default();
         let sample = self.sample();
         let mut weights = vec![Vec::new(); sample.len()];
-        if self.choices.seen != Seen::Guessed {
+        if self.choices.importance != ImportanceFrom::Guess {
             for (&tile, weights) in sample.iter().zip(&mut weights) {
                 let scene = scene(tile)?;
                 *weights = seen(&scene)?;
@@ -171,7 +183,7 @@ impl Plan {
 
     /// Guesses importances from now on, whatever cameras see. [`Plan::measure`] must follow.
     pub fn forget_cameras(&mut self) {
-        (self.choices.seen, self.unseen) = (Seen::Guessed, UnseenUnit::default());
+        (self.choices.importance, self.unseen) = (ImportanceFrom::Guess, UnseenUnit::default());
     }
 
     /// The choices that it was made for.
@@ -193,16 +205,16 @@ impl Plan {
 
     /// Importances of some Gaussians.
     fn importance(&self, scene: &Scene, seen: &[f32]) -> Result<Vec<f32>> {
-        if self.choices.seen != Seen::Guessed {
+        if self.choices.importance != ImportanceFrom::Guess {
             check_length("importances", seen.len(), scene.len())?;
         }
-        Ok(match self.choices.seen {
-            Seen::Guessed => importance::without_cameras(scene),
-            Seen::ByCameras => {
+        Ok(match self.choices.importance {
+            ImportanceFrom::Guess => importance::without_cameras(scene),
+            ImportanceFrom::Cameras => {
                 let guess = importance::without_cameras(scene);
                 self.unseen.fill(seen, &guess, self.choices.quality)
             }
-            Seen::ByCamerasOnly => seen.to_vec(),
+            ImportanceFrom::CamerasAlone => seen.to_vec(),
         })
     }
 
@@ -222,11 +234,11 @@ impl Plan {
             geometry: self.sample_geometry,
         };
         let voxels = self.rules().leaves(scene, &importance, codes, Some(sums))?;
-        let options = self.choices.options()?;
+        let Choices { quality, code, .. } = &self.choices;
         let several = self.tile_starts.len() > 1;
         let tile = [(0, codes.clone())];
         let whole = Whole {
-            tiles: lod::LodTiles::new(&tile, several, self.count, &options),
+            tiles: lod::LodTiles::new(&tile, several, self.count, code),
             mean_importance: self.mean_importance,
             sh_degree: Some(self.sh_degree),
         };
@@ -237,7 +249,7 @@ impl Plan {
             merged: false,
             whole: Some(whole),
         };
-        encode_source(&source, None, &options)
+        encode_source(&source, None, Coding::new(&Steps::of_quality(*quality)?, code))
     }
 
     /// The tile of each Gaussian, from their means.
@@ -298,8 +310,8 @@ impl Plan {
 
     fn rules(&self) -> TileRules {
         let cube = Cube { origin: self.corner, side: self.side };
-        let Choices { quality, seen, .. } = self.choices;
-        TileRules { cube, depth: self.depth, quality, seen, leaves: Leaves::RateDistortion }
+        let Choices { quality, importance: from, .. } = self.choices;
+        TileRules { cube, depth: self.depth, quality, from, leaves: Leaves::RateDistortion }
     }
 
     fn codes(&self, tile: usize) -> Range<u64> {
@@ -316,18 +328,31 @@ impl Plan {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::encoder::options::MaxError;
+
+    #[test]
+    fn a_plan_refuses_what_needs_the_whole_scene() {
+        let bounds = MaxError::all(1.0);
+        let mut options = EncodeOptions::default();
+        for aim in [Aim::Bytes(1), Aim::Lossless, Aim::MaxError(bounds)] {
+            let refused = Choices::of(aim, &options, false);
+            assert!(matches!(refused, Err(Error::NotAtScale { .. })));
+        }
+        options.code.for_web();
+        let choices = Choices::of(Aim::Quality(70.0), &options, true).unwrap();
+        assert_eq!((choices.quality, choices.code), (70.0, options.code));
+        assert_eq!(choices.importance, ImportanceFrom::Cameras);
+        options.prepare.prune = 0.1;
+        let refused = Choices::of(Aim::Quality(70.0), &options, true);
+        assert!(matches!(refused, Err(Error::NotAtScale { option: "pruning" })));
+    }
 
     #[test]
     fn parts_are_all_tiles_once() {
         let mut survey = Survey::new(0);
         survey.add(&testing::trained_like(50, 0, &mut testing::Rng::seeded(1)));
-        let choices = Choices {
-            quality: 50.0,
-            max_sh_degree: 3,
-            chunk_leaves: NonZeroUsize::MIN,
-            seen: Seen::Guessed,
-            lod: false,
-        };
+        let (importance, code) = (ImportanceFrom::Guess, CodeOptions::default());
+        let choices = Choices { quality: 50.0, importance, code };
         let mut plan = Plan::new::<Error>(&survey, choices, |_| Ok(())).unwrap();
         plan.tile_counts = vec![5, 10, 3, 12, 20];
         for n in 1..9 {

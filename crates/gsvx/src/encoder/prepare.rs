@@ -2,74 +2,99 @@
 
 use super::bounded;
 use super::check::{about_input, check_length, check_lengths};
-use super::encode::encode_source;
+use super::encode::{Coding, encode_source};
 use super::encoded::{Encoded, LEFT_OUT};
 use super::exact::all_exact;
 use super::lod;
-use super::options::{EncodeOptions, MaxError};
+use super::options::{CodeOptions, EncodeOptions, ImportanceFrom, MaxError, PrepareOptions};
 use super::outliers::split_outliers;
 use super::source::{GaussianSource, Whole};
 use super::strategy::j_high;
 use super::survey::Survey;
 use super::tiled::{self, TileRules, Tiled};
 use crate::error::{Error, Result};
+use crate::head::Steps;
 use crate::importance;
 use gs_model::Scene;
 use std::borrow::Cow;
 use voxel::{Importance, Merge, Trimmed, Voxelization};
 
-/// Encodes a trained model, in three steps:
+/// Encodes a trained model at a quality from 0 (smallest) to 100 (best), in three steps:
 ///
-/// 1. It leaves out what no rasterizer draws ([`gs_model::LEAST_DRAWN_LOGIT`]), unless errors are bounded, and what
-///    [`EncodeOptions::prune`] says.
+/// 1. It leaves out what no rasterizer draws ([`gs_model::LEAST_DRAWN_LOGIT`]), and what
+///    [`PrepareOptions::prune`] says.
 /// 2. It codes outliers bit for bit. These are Gaussians so far away that the octree of 21 levels would be too
 ///    coarse for all others. Most scenes have none.
-/// 3. It voxelizes, merges and codes all others as the quality asks. With [`EncodeOptions::max_error`] it merges
-///    nothing.
+/// 3. It voxelizes, merges and codes all others as the quality asks.
+///
+/// `importance` is what each Gaussian shows to cameras, in any unit: see [`crate::importance`]. Without it
+/// [`importance::without_cameras`] guesses.
 ///
 /// # Errors
-/// [`Error::Voxel`] for what voxelization refuses, [`Error::Length`] if the importances in
-/// `options` are not one per Gaussian, [`Error::Option`] for options out of range,
-/// [`Error::NonFinite`], [`Error::ZeroRotation`] and [`Error::TooLarge`] for values that lossy coding cannot hold.
-/// They count the Gaussians of `scene`.
-pub fn encode(scene: &Scene, options: &EncodeOptions) -> Result<Encoded> {
-    encode_input(scene, options).map_err(|error| about_input(error, scene, options.max_sh_degree))
+/// [`Error::Voxel`] for what voxelization refuses, [`Error::Length`] if the importances are not one per Gaussian,
+/// [`Error::Option`] for options out of range, [`Error::NonFinite`], [`Error::ZeroRotation`] and
+/// [`Error::TooLarge`] for values that lossy coding cannot hold. They count the Gaussians of `scene`.
+pub fn encode(
+    scene: &Scene,
+    importance: Option<&[f32]>,
+    quality: f32,
+    options: &EncodeOptions,
+) -> Result<Encoded> {
+    let steps = Steps::of_quality(quality)?;
+    let EncodeOptions { prepare, code } = options;
+    let encode = || {
+        let mut input = Input::lossy(scene, importance, quality, prepare)?;
+        let kept = input.scene.len();
+        let outliers = split_outliers(&input.scene, &input.survey)?;
+        let encoded = encode_leaves(&mut input, outliers, (quality, prepare), (&steps, code))?;
+        Ok(input.counted(encoded, scene.len(), kept))
+    };
+    encode().map_err(|error| about_input(error, scene, code.max_sh_degree))
 }
 
-fn encode_input(scene: &Scene, options: &EncodeOptions) -> Result<Encoded> {
-    let mut input = Input::new(scene, options)?;
-    let (transparent, count) = (input.transparent, input.scene.len());
-    let outliers = split_outliers(&input.scene, &input.survey)?;
-    let encoded = match &options.max_error {
-        None => encode_leaves(&mut input, outliers, options)?,
-        Some(bounds) => {
-            if input.scene.sh_degree > options.max_sh_degree {
-                input.scene.to_mut().cut_sh(options.max_sh_degree);
-            }
-            let outliers = outliers.map_or(Vec::new(), |split| split.outliers);
-            let max_error = Some(MaxError { mean: 0.0, opacity: 0.0, shape: 0.0, sh: 0.0 });
-            match bounded::encode(&input.scene, &outliers, bounds, options)? {
-                Some(encoded) => encoded,
-                None => Encoded { max_error, ..all_exact(&input.scene, false)? },
-            }
+/// Encodes a trained model with a bound on every error. Nothing is merged, and of the options [`PrepareOptions::prune`]
+/// and those of the layout of the stream count.
+///
+/// # Errors
+/// As [`encode`].
+pub(crate) fn encode_within(
+    scene: &Scene,
+    importance: Option<&[f32]>,
+    bounds: &MaxError,
+    options: &EncodeOptions,
+) -> Result<Encoded> {
+    let EncodeOptions { prepare, code } = options;
+    let encode = || {
+        let mut input = Input::new(scene, importance)?;
+        input.prune(prepare.prune)?;
+        let outliers = split_outliers(&input.scene, &input.survey)?;
+        let outliers = outliers.map_or(Vec::new(), |split| split.outliers);
+        if input.scene.sh_degree > code.max_sh_degree {
+            input.scene.to_mut().cut_sh(code.max_sh_degree);
         }
+        let encoded = match bounded::encode(&input.scene, &outliers, bounds, code)? {
+            Some(encoded) => encoded,
+            None => {
+                Encoded { max_error: Some(MaxError::all(0.0)), ..all_exact(&input.scene, false)? }
+            }
+        };
+        Ok(input.counted(encoded, scene.len(), input.scene.len()))
     };
-    let rows = encoded.rows.map(|rows| input.rows(&rows, scene.len()));
-    let pruned = scene.len() - transparent - count;
-    Ok(Encoded { transparent, pruned, rows, ..encoded })
+    encode().map_err(|error| about_input(error, scene, code.max_sh_degree))
 }
 
 /// Voxelization and coding.
 fn encode_leaves(
     input: &mut Input<'_>,
     split: Option<Trimmed>,
-    options: &EncodeOptions,
+    (quality, prepare): (f32, &PrepareOptions),
+    (steps, code): (&Steps, &CodeOptions),
 ) -> Result<Encoded> {
     let outliers = input.take_out(split.as_ref())?;
-    let Tiled { voxels, importance, shared } = input.voxelize(options)?;
+    let Tiled { voxels, importance, shared } = input.voxelize(quality, prepare)?;
     let gaussians = input.scene.len() as u64;
     let whole = shared.as_ref().map(|shared| Whole {
-        tiles: lod::LodTiles::new(&shared.tiles, shared.tiles.len() > 1, gaussians, options),
+        tiles: lod::LodTiles::new(&shared.tiles, shared.tiles.len() > 1, gaussians, code),
         mean_importance: shared.mean_importance,
         sh_degree: None,
     });
@@ -80,11 +105,11 @@ fn encode_leaves(
         merged: false,
         whole,
     };
-    let encoded = encode_source(&source, outliers.as_ref(), options)?;
+    let encoded = encode_source(&source, outliers.as_ref(), Coding::new(steps, code))?;
     let leaves = encoded.index.header.count as u32;
-    let rows = match (&split, encoded.rows) {
-        (Some(split), Some(rows)) => Some(split.rows(&rows, leaves - split.outliers.len() as u32)),
-        (_, rows) => rows,
+    let rows = match &split {
+        Some(split) => split.rows(&encoded.rows, leaves - split.outliers.len() as u32),
+        None => encoded.rows,
     };
     Ok(Encoded { coarse_cells: input.survey.coarse_cells(), rows, ..encoded })
 }
@@ -96,22 +121,27 @@ pub struct Prepared {
     pub scene: Scene,
     /// The leaves, and their members among the Gaussians that were not left out before.
     pub voxels: Voxelization,
-    /// Importance per leaf, for [`EncodeOptions::importance`].
+    /// Importance of each leaf.
     pub importance: Vec<f32>,
     /// Gaussians to be coded bit for bit; `None` if there are none.
     pub outliers: Option<Scene>,
 }
 
 /// Voxelizes and merges as [`encode`] does, for a caller that changes the merged Gaussians before they are
-/// coded. [`EncodeOptions::max_error`] has no effect.
+/// coded.
 ///
 /// # Errors
 /// As [`encode`].
-pub fn prepare(scene: &Scene, options: &EncodeOptions) -> Result<Prepared> {
-    let mut input = Input::new(scene, options)?;
+pub fn prepare(
+    scene: &Scene,
+    importance: Option<&[f32]>,
+    quality: f32,
+    options: &PrepareOptions,
+) -> Result<Prepared> {
+    let mut input = Input::lossy(scene, importance, quality, options)?;
     let split = split_outliers(&input.scene, &input.survey)?;
     let outliers = input.take_out(split.as_ref())?;
-    let Tiled { voxels, importance: weights, .. } = input.voxelize(options)?;
+    let Tiled { voxels, importance: weights, .. } = input.voxelize(quality, options)?;
     let importance = voxels.sums(&weights);
     let weights = Importance::Given(weights);
     let scene = voxel::Merging::new(&input.scene, &voxels, Merge::Moments, &weights)?.scene();
@@ -130,32 +160,45 @@ struct Input<'a> {
 }
 
 impl<'a> Input<'a> {
-    /// A scene without what no rasterizer draws and without the least important Gaussians.
-    fn new(scene: &'a Scene, options: &EncodeOptions) -> Result<Self> {
+    fn new(scene: &'a Scene, importance: Option<&[f32]>) -> Result<Self> {
         check_lengths(scene)?;
-        if let Some(given) = &options.importance {
+        if let Some(given) = importance {
             check_length("importances", given.len(), scene.len())?;
         }
         let survey = Survey::of(scene)?;
-        let importance = options.importance.clone();
-        let scene = Cow::Borrowed(scene);
-        let mut input = Self { scene, importance, kept: None, transparent: 0, survey };
-        let drawn = if options.max_error.is_none() { input.scene.drawn() } else { None };
-        if let Some(drawn) = drawn {
+        let (scene, importance) = (Cow::Borrowed(scene), importance.map(<[f32]>::to_vec));
+        Ok(Self { scene, importance, kept: None, transparent: 0, survey })
+    }
+
+    /// A scene without what no rasterizer draws and without the least important Gaussians.
+    fn lossy(
+        scene: &'a Scene,
+        importance: Option<&[f32]>,
+        quality: f32,
+        options: &PrepareOptions,
+    ) -> Result<Self> {
+        let mut input = Self::new(scene, importance)?;
+        if let Some(drawn) = input.scene.drawn() {
             input.transparent = input.scene.len() - drawn.len();
             input.keep(drawn)?;
         }
         if let Some(seen) = input.importance.as_mut().filter(|_| !options.drop_unseen) {
-            *seen = importance::with_unseen(&input.scene, seen, options.quality);
+            *seen = importance::with_unseen(&input.scene, seen, quality);
         }
-        if options.prune != 0.0 {
-            let kept = match &input.importance {
-                Some(importance) => prune(importance, options.prune)?,
-                None => prune(&importance::without_cameras(&input.scene), options.prune)?,
-            };
-            input.keep(kept)?;
-        }
+        input.prune(options.prune)?;
         Ok(input)
+    }
+
+    /// Leaves out a fraction of the Gaussians, those of least importance.
+    fn prune(&mut self, fraction: f64) -> Result<()> {
+        if fraction == 0.0 {
+            return Ok(());
+        }
+        let kept = match &self.importance {
+            Some(importance) => prune(importance, fraction)?,
+            None => prune(&importance::without_cameras(&self.scene), fraction)?,
+        };
+        self.keep(kept)
     }
 
     /// Leaves out all Gaussians but those at `indices`.
@@ -187,21 +230,23 @@ impl<'a> Input<'a> {
     }
 
     /// The leaves, and the importance of each Gaussian.
-    fn voxelize(&mut self, options: &EncodeOptions) -> Result<Tiled> {
-        let seen = options.seen(self.importance.is_some());
+    fn voxelize(&mut self, quality: f32, options: &PrepareOptions) -> Result<Tiled> {
+        let from = ImportanceFrom::of(self.importance.is_some(), options.drop_unseen);
         let cube = self.survey.cube();
         let depth = j_high(self.survey.median_log_scale(), &cube);
-        let &EncodeOptions { quality, leaves, .. } = options;
-        let rules = TileRules { cube, depth, quality, seen, leaves };
+        let rules = TileRules { cube, depth, quality, from, leaves: options.leaves };
         tiled::voxelize(&self.scene, self.importance.take(), &rules)
     }
 
-    /// The rows of all Gaussians, from those of the ones that were kept.
-    fn rows(&self, rows: &[u32], len: usize) -> Vec<u32> {
-        let Some(kept) = &self.kept else { return rows.to_vec() };
-        let mut all = vec![LEFT_OUT; len];
-        kept.iter().zip(rows).for_each(|(&i, &row)| all[i] = row);
-        all
+    /// A stream with the counts and the rows of all Gaussians of the input, from those of the ones that were kept.
+    fn counted(&self, mut encoded: Encoded, all: usize, kept: usize) -> Encoded {
+        encoded.transparent = self.transparent;
+        encoded.pruned = all - self.transparent - kept;
+        if let Some(indices) = &self.kept {
+            let rows = std::mem::replace(&mut encoded.rows, vec![LEFT_OUT; all]);
+            indices.iter().zip(rows).for_each(|(&i, row)| encoded.rows[i] = row);
+        }
+        encoded
     }
 }
 
@@ -257,7 +302,7 @@ mod tests {
             ..Scene::default()
         };
         scene.means[63] = [3000.0, 0.0, 0.0];
-        let prepared = prepare(&scene, &EncodeOptions::from_quality(60.0).unwrap()).unwrap();
+        let prepared = prepare(&scene, None, 60.0, &PrepareOptions::default()).unwrap();
         assert_eq!(prepared.voxels.len(), 64);
         for (i, &member) in prepared.voxels.members().iter().enumerate() {
             for k in 0..3 {

@@ -7,7 +7,7 @@
 use super::measure::Measure;
 use crate::error::Result;
 
-/// Qualities a search looks at; [`crate::EncodeOptions::from_quality`] accepts these.
+/// Qualities a search looks at; [`crate::Steps::of_quality`] accepts these.
 const LOWEST: f32 = 0.0;
 const HIGHEST: f32 = 100.0;
 /// Encodes after which a search returns the best stream found so far.
@@ -24,7 +24,7 @@ const OVERSHOOT: f64 = 1.2;
 
 /// The outcome of a search.
 #[derive(Clone, Debug)]
-pub struct Found<T> {
+pub struct SearchResult<T> {
     /// The stream.
     pub encoded: T,
     /// Its quality.
@@ -41,14 +41,14 @@ pub struct Found<T> {
 ///
 /// Ends within 0.5 % below the target where the stream's size is continuous in quality; if even
 /// the best quality is smaller, that stream is returned. If quality 0 is still larger, that stream is
-/// returned, and [`Found::reached`] is false.
+/// returned, and [`SearchResult::reached`] is false.
 ///
 /// # Errors
 /// Errors of `encode`.
 pub fn to_bytes<T: AsRef<[u8]>>(
     target: u64,
     mut encode: impl FnMut(f32) -> Result<T>,
-) -> Result<Found<T>> {
+) -> Result<SearchResult<T>> {
     let log = |bytes: f64| libm::log(bytes.max(1.0));
     let least = target as f64 * (1.0 - BYTES_TOLERANCE);
     let search = Search {
@@ -64,12 +64,12 @@ pub fn to_bytes<T: AsRef<[u8]>>(
         let log_bytes = log(encoded.as_ref().len() as f64);
         Ok((encoded, log_bytes))
     })?;
-    Ok(Found { measured: None, ..found })
+    Ok(SearchResult { measured: None, ..found })
 }
 
 /// The smallest stream found whose value by a measure reaches `target`.
 ///
-/// If even the best quality falls short, that stream is returned, and [`Found::reached`] is false.
+/// If even the best quality falls short, that stream is returned, and [`SearchResult::reached`] is false.
 ///
 /// # Errors
 /// Errors of `encode` and `value`.
@@ -78,7 +78,7 @@ pub(crate) fn to_measure<T>(
     target: f64,
     mut encode: impl FnMut(f32) -> Result<T>,
     mut value: impl FnMut(&T) -> Result<f64>,
-) -> Result<Found<T>> {
+) -> Result<SearchResult<T>> {
     let search = Search {
         aim: target + 0.5 * measure.tolerance(),
         per_point: measure.per_point(),
@@ -108,7 +108,7 @@ struct Search<R, N> {
 }
 
 impl<R: Fn(f64) -> bool, N: Fn(f64) -> bool> Search<R, N> {
-    fn run<T>(&self, mut encode: impl FnMut(f32) -> Result<(T, f64)>) -> Result<Found<T>> {
+    fn run<T>(&self, mut encode: impl FnMut(f32) -> Result<(T, f64)>) -> Result<SearchResult<T>> {
         let worst = LOWEST + HIGHEST - self.best;
         let mut good: Option<(f32, f64, T)> = None;
         let mut bad: Option<(f32, f64)> = None;
@@ -139,7 +139,7 @@ impl<R: Fn(f64) -> bool, N: Fn(f64) -> bool> Search<R, N> {
             }
             if done && let Some((quality, value, encoded)) = good.take() {
                 let (measured, reached) = (Some(value), (self.reaches)(value));
-                return Ok(Found { encoded, quality, encodes, measured, reached });
+                return Ok(SearchResult { encoded, quality, encodes, measured, reached });
             }
         }
     }

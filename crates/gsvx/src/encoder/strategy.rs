@@ -1,10 +1,11 @@
 //! How many leaves a quality asks for: the parameters of the rate-distortion strategy.
 
-use super::options::{EncodeOptions, Seen};
+use super::options::ImportanceFrom;
 use crate::error::Result;
+use crate::head::Steps;
 use gpcc_lite::Cube;
 use gpcc_lite::morton::MAX_DEPTH;
-use voxel::{Importance, RateDistortion, Strategy};
+use voxel::{Importance, RateDistortion};
 
 /// Finest leaf depth the default strategy considers; leaves that deep are rare, and what an
 /// unbounded scene needs for its nearest Gaussians.
@@ -28,26 +29,19 @@ const DROP: f64 = 5.0;
 pub(crate) const BITS_AT_50: f64 = 60.0;
 const BITS_PER_POINT: f64 = 1.2;
 
-/// The default voxelization strategy at a quality of 0 to 100.
-///
-/// `importance` has one entry per Gaussian of the scene.
+/// The voxelization of a quality of 0 to 100. `importance` is that of each Gaussian.
 ///
 /// # Errors
 /// [`crate::Error::Option`] if `quality` is out of range.
-pub fn default_strategy(quality: f32, importance: &[f32], seen: Seen) -> Result<Strategy> {
-    rate_distortion(quality, importance, seen).map(Strategy::RateDistortion)
-}
-
-/// The parameters of [`default_strategy`].
 pub(crate) fn rate_distortion(
     quality: f32,
     importance: &[f32],
-    seen: Seen,
+    from: ImportanceFrom,
 ) -> Result<RateDistortion> {
-    EncodeOptions::from_quality(quality)?;
-    let (lambda, exponent, drop) = match seen {
-        Seen::ByCameras | Seen::ByCamerasOnly => (LAMBDA_AT_50, EXPONENT, Some(DROP)),
-        Seen::Guessed => (LAMBDA_AT_50_GUESSED, 1.0, None),
+    Steps::of_quality(quality)?;
+    let (lambda, exponent, drop) = match from {
+        ImportanceFrom::Guess => (LAMBDA_AT_50_GUESSED, 1.0, None),
+        _ => (LAMBDA_AT_50, EXPONENT, Some(DROP)),
     };
     let above = f64::from(quality) - 50.0;
     let mut options = RateDistortion::new(lambda * libm::exp2(-2.0 * above / QUALITY_PER_OCTAVE));
@@ -80,7 +74,7 @@ mod tests {
     use crate::encoder::survey::Survey;
 
     #[test]
-    fn a_far_sky_took_depth_from_small_gaussians() {
+    fn a_far_sky_leaves_small_gaussians_their_depth() {
         // The cube is so large that a cell at depth 18 is an eighth of the median Gaussian.
         let scene = testing::trained_like(2000, 0, &mut testing::Rng::seeded(5));
         let median = Survey::of(&scene).unwrap().median_log_scale();

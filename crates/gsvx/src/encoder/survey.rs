@@ -183,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn two_parts_far_apart_got_coarse_without_a_word() {
+    fn two_parts_far_apart_have_a_warning() {
         let median = libm::exp(Survey::of(&pair(1.0)).unwrap().median_log_scale().unwrap());
         for (cells, wanted) in [(0.01, false), (0.15, false), (0.3, true), (3.0, true)] {
             let both = pair((cells * median * libm::exp2(21.0)) as f32);
@@ -196,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn a_two_centimetre_part_of_a_large_scene_became_one_gaussian_without_a_word() {
+    fn a_two_centimetre_part_of_a_large_scene_has_a_warning() {
         let mut both = pair(0.0);
         // The second half is as large as all others, the first a millionth of that.
         for i in 0..2000 {

@@ -6,7 +6,7 @@
 //!
 //! Invariant: what becomes of a tile follows from its own Gaussians, the [`TileRules`] and the sums.
 
-use super::options::{Leaves, Seen};
+use super::options::{ImportanceFrom, Leaves};
 use super::strategy::rate_distortion;
 use crate::error::Result;
 use crate::importance;
@@ -36,7 +36,7 @@ pub(crate) struct TileRules {
     /// Depth of the octree.
     pub(crate) depth: u8,
     pub(crate) quality: f32,
-    pub(crate) seen: Seen,
+    pub(crate) from: ImportanceFrom,
     pub(crate) leaves: Leaves,
 }
 
@@ -59,7 +59,7 @@ pub(crate) struct Shared {
 
 impl TileRules {
     fn strategy(&self, importance: &[f32]) -> Result<RateDistortion> {
-        let strategy = rate_distortion(self.quality, importance, self.seen)?;
+        let strategy = rate_distortion(self.quality, importance, self.from)?;
         Ok(RateDistortion { j_high: self.depth, ..strategy })
     }
 

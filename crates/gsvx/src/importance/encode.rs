@@ -235,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sky_starved_the_foreground() {
+    fn a_sky_takes_little_precision_from_the_foreground() {
         let alone = log_classes(&without_cameras(&with_sky(6000, 0, 1.0)), 0.1);
         for radius in [30.0, 500.0, 20_000.0] {
             let both = log_classes(&without_cameras(&with_sky(6000, 2000, radius)), 0.1);
@@ -274,7 +274,7 @@ mod tests {
     }
 
     #[test]
-    fn cameras_of_another_scene_deleted_the_model() {
+    fn what_no_camera_sees_keeps_a_part_of_the_guess() {
         let scene = testing::trained_like(500, 0, &mut testing::Rng::seeded(3));
         let guess = without_cameras(&scene);
         let mut seen = vec![0.0; 500];
@@ -309,10 +309,10 @@ mod tests {
     }
 
     #[test]
-    fn a_faint_gaussian_took_the_size_of_its_neighbours() {
+    fn a_faint_gaussian_keeps_its_size_at_every_quality() {
         let importance: Vec<f32> = (0..=20).map(|i| libm::powf(10.0, -0.5 * i as f32)).collect();
         for quality in 0..=100 {
-            let step = crate::EncodeOptions::from_quality(quality as f32).unwrap().steps.covariance;
+            let step = crate::Steps::of_quality(quality as f32).unwrap().covariance;
             let classes = log_classes(&importance, step);
             let lowest = classes.iter().copied().fold(f32::INFINITY, f32::min);
             let greatest = step * libm::exp2f(f32::from(MEAN_CLASS) - lowest);

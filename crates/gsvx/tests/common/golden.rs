@@ -8,31 +8,29 @@ use std::num::NonZeroUsize;
 const SEED: u64 = 42;
 
 /// The quality of most; the default may change.
-fn usual() -> EncodeOptions {
-    EncodeOptions::from_quality(60.0).expect("a quality")
-}
+const QUALITY: f32 = 60.0;
 
 /// Options for chunks of at most `leaves` leaves.
 fn in_chunks(leaves: usize) -> EncodeOptions {
-    let mut options = usual();
-    options.chunk_leaves = NonZeroUsize::new(leaves).expect("a positive number");
+    let mut options = EncodeOptions::default();
+    options.code.chunk_leaves = NonZeroUsize::new(leaves).expect("a positive number");
     options
 }
 
 /// Names and bytes.
 pub(crate) fn streams() -> Vec<(String, Vec<u8>)> {
-    let default = usual();
-    let mut lod = in_chunks(100);
-    lod.lod = true;
+    let default = EncodeOptions::default();
+    let mut uniform = default;
+    uniform.prepare.leaves = Leaves::Uniform { depth: 10 };
     // Many leaves in few bytes.
-    lod.steps = EncodeOptions::from_quality(10.0).expect("a quality").steps;
-    let high = EncodeOptions::from_quality(85.0).expect("a quality");
+    let mut lod = EncodeOptions { prepare: uniform.prepare, ..in_chunks(100) };
+    lod.code.lod = true;
     let plain = |n, degree| scene(n, degree, SEED);
-    let coded = |scene: &Scene, options| encode(scene, options).expect("a valid scene").bytes;
+    let coded_at = |quality, scene: &Scene, options| {
+        encode(scene, None, quality, options).expect("a valid scene").bytes
+    };
+    let coded = |scene: &Scene, options| coded_at(QUALITY, scene, options);
     let exact = |scene: &Scene, keep| encode_lossless(scene, keep).expect("a scene").bytes;
-    lod.leaves = Leaves::Uniform { depth: 10 };
-    let mut uniform = default.clone();
-    uniform.leaves = lod.leaves;
     let mut georeferenced = with_floaters(plain(200, 1)).0;
     georeferenced.antialiased = true;
     georeferenced.origin = [448_200.25, 5_411_900.5, -46.125];
@@ -43,9 +41,9 @@ pub(crate) fn streams() -> Vec<(String, Vec<u8>)> {
         ("degree-0", coded(&plain(600, 0), &default)),
         ("uniform", coded(&plain(500, 2), &uniform)),
         ("outliers", coded(&with_floaters(plain(400, 1)).0, &default)),
-        ("predicted", coded(&with_related_degrees(plain(900, 3)), &high)),
+        ("predicted", coded_at(85.0, &with_related_degrees(plain(900, 3)), &default)),
         ("chunks", coded(&plain(1500, 1), &in_chunks(300))),
-        ("lod", coded(&plain(12_000, 0), &lod)),
+        ("lod", coded_at(10.0, &plain(12_000, 0), &lod)),
         ("lossless", exact(&plain(300, 2), false)),
         ("lossless-ordered", exact(&plain(100, 1), true)),
         ("antialiased", coded(&georeferenced, &default)),

@@ -7,6 +7,7 @@ pub(crate) mod golden;
 pub(crate) use testing::{Rng, with_floaters, with_related_degrees};
 
 use gs_model::Scene;
+use gsvx::{CodeOptions, DEFAULT_QUALITY, EncodeOptions, Encoded, Octree, Steps};
 use voxel::{Merge, Strategy, Voxelization, cube_of, merge, voxelize};
 
 /// A small scene that looks like a trained one.
@@ -71,11 +72,31 @@ pub(crate) fn room() -> Scene {
     gs_model::ply::read(path).unwrap().0
 }
 
-/// Default options with changes.
-pub(crate) fn encoding(change: impl FnOnce(&mut gsvx::EncodeOptions)) -> gsvx::EncodeOptions {
-    let mut options = gsvx::EncodeOptions::default();
-    change(&mut options);
+/// The steps of a quality.
+pub(crate) fn steps(quality: f32) -> Steps {
+    Steps::of_quality(quality).unwrap()
+}
+
+/// Default options with changes to how leaves are coded.
+pub(crate) fn encoding(change: impl FnOnce(&mut CodeOptions)) -> EncodeOptions {
+    let mut options = EncodeOptions::default();
+    change(&mut options.code);
     options
+}
+
+/// A stream of the default quality, with guessed importances.
+pub(crate) fn encode(scene: &Scene, options: &EncodeOptions) -> gsvx::Result<Encoded> {
+    gsvx::encode(scene, None, DEFAULT_QUALITY, options)
+}
+
+/// A stream of voxels of the default quality, with guessed importances.
+pub(crate) fn encode_voxels(
+    scene: &Scene,
+    octree: &Octree,
+    outliers: Option<&Scene>,
+    options: &EncodeOptions,
+) -> gsvx::Result<Encoded> {
+    gsvx::encode_voxels(scene, octree, outliers, None, &steps(DEFAULT_QUALITY), &options.code)
 }
 
 /// Default options with changes.

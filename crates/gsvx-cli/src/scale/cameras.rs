@@ -8,7 +8,7 @@ use crate::views::{self, Origin, Placed, Read};
 use anyhow::Result;
 use finetune::Visibility;
 use gs_model::{Camera, Scene, View};
-use gsvx::{Choices, Seen};
+use gsvx::{Choices, ImportanceFrom};
 use serde::{Deserialize, Serialize};
 use std::convert::Infallible;
 use std::path::{Path, PathBuf};
@@ -22,7 +22,7 @@ pub(crate) struct CameraFile {
 }
 
 /// Cameras that were read.
-pub(crate) struct Sight {
+pub(crate) struct PlanCameras {
     path: PathBuf,
     /// With the places of photos.
     views: Vec<View>,
@@ -31,7 +31,7 @@ pub(crate) struct Sight {
     pub(super) origin: Option<Origin>,
 }
 
-impl Sight {
+impl PlanCameras {
     /// Reads the cameras of a scene folder or of a camera file.
     pub(crate) fn read(path: &Path) -> Result<Self> {
         let Read { views, origin } = views::training(path, [0.0; 3])?;
@@ -63,22 +63,25 @@ impl Sight {
             ..view.clone()
         };
         let views: Vec<View> = self.views.iter().map(moved).collect();
-        photos::doubt_cameras(&model, &self.path, &views, choices.seen == Seen::ByCamerasOnly)
+        photos::doubt_cameras(
+            &model,
+            &self.path,
+            &views,
+            choices.importance == ImportanceFrom::CamerasAlone,
+        )
     }
 
     /// Whether a stream of this tile by their importances shows that they may not be the model's own. Warns if so.
     pub(crate) fn is_doubted(&self, tile: &Scene, choices: Choices) -> Result<bool> {
-        let Some(doubt) = tune::doubt(tile, &self.about(tile), choices.quality)? else {
+        let Some(doubt) = tune::misfit(tile, &self.about(tile), choices.quality)? else {
             return Ok(false);
         };
-        let kept = choices.seen == Seen::ByCamerasOnly;
-        let then = if kept {
-            ""
-        } else {
-            "; their importances are not used, but with --drop-unseen they are"
-        };
-        note(format_args!("warning: {}: {doubt}{then}", self.path.display()));
-        Ok(!kept)
+        if choices.importance == ImportanceFrom::CamerasAlone {
+            note(format_args!("warning: {}: {doubt}", self.path.display()));
+            return Ok(false);
+        }
+        views::warn(&self.path, &doubt);
+        Ok(true)
     }
 
     fn about(&self, tile: &Scene) -> Vec<Camera> {
@@ -91,14 +94,14 @@ impl Sight {
     /// # Errors
     /// If they see nothing.
     pub(crate) fn check(&self, share: f64) -> Result<()> {
-        views::check(&Visibility { weights: Vec::new(), share }, &self.path)
+        views::check(share, &self.path)
     }
 }
 
 impl CameraFile {
     /// The cameras, as they were when the plan was made.
-    pub(crate) fn open(&self) -> Result<Sight> {
-        let sight = Sight::read(&self.path)?;
+    pub(crate) fn open(&self) -> Result<PlanCameras> {
+        let sight = PlanCameras::read(&self.path)?;
         if sight.file() != *self {
             return Err(changed(&self.path));
         }

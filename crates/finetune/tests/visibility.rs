@@ -1,7 +1,7 @@
 #![allow(clippy::disallowed_methods, reason = "a test of a rasterizer, not of a bitstream")]
 //! Blending weights: their sum is the image, and their squares are its energy.
 
-use finetune::{RenderOptions, render, saliency, worth};
+use finetune::{RenderOptions, Visibility, removal, render};
 use glam::{DMat3, DVec3};
 use gs_model::{Camera, SH_C0, Scene};
 
@@ -45,7 +45,7 @@ fn weights_add_up_to_the_white_image() {
     let (scene, camera) = (scene(60), camera());
     let image = render(&scene, &camera, &RenderOptions::default());
     let pixels: f64 = image.rgb.iter().step_by(3).map(|&v| f64::from(v)).sum();
-    let found = saliency(&scene, &[camera]);
+    let found = Visibility::of_all(&scene, &[camera]);
     let total: f64 = found.total.iter().map(|&v| f64::from(v)).sum();
     assert!(pixels > 100.0 && (pixels - total).abs() < 1e-4 * pixels, "{pixels} {total}");
 }
@@ -55,7 +55,7 @@ fn weights_add_up_to_the_white_image() {
 #[test]
 fn squares_are_the_energy_of_one_gaussian() {
     let (white, camera) = (scene(25), camera());
-    let found = saliency(&white, std::slice::from_ref(&camera));
+    let found = Visibility::of_all(&white, std::slice::from_ref(&camera));
     for i in 0..white.len() {
         let mut one = white.clone();
         for (k, sh) in one.sh.iter_mut().enumerate() {
@@ -72,16 +72,16 @@ fn squares_are_the_energy_of_one_gaussian() {
 // The sum of squares of the difference between two renders is the definition. Where a Gaussian is opaque
 // enough to stop a pixel, the effect leaves out what lies beyond; none of these does.
 #[test]
-fn removal_effects_are_differences_of_renders_and_weights_those_of_saliency() {
+fn removal_effects_are_differences_of_renders_and_weights_those_of_visibility() {
     let (mut whole, camera) = (scene(25), camera());
     for (i, sh) in whole.sh.iter_mut().enumerate() {
         *sh = [0.0, 1.0, 2.0].map(|c| libm::sinf(c + 1.7 * i as f32) / SH_C0 * 0.4);
     }
     let options = RenderOptions::default();
     let image = render(&whole, &camera, &options);
-    let found = worth(&whole, std::slice::from_ref(&camera), |seen| assert_eq!(seen, image));
-    let squared = saliency(&whole, std::slice::from_ref(&camera)).squared;
-    for (i, &effect) in found.removal.iter().enumerate() {
+    let found = removal(&whole, std::slice::from_ref(&camera), |seen| assert_eq!(seen, image));
+    let squared = Visibility::of_all(&whole, std::slice::from_ref(&camera)).squared;
+    for (i, &effect) in found.effects.iter().enumerate() {
         assert!((found.squared[i] - squared[i]).abs() <= 1e-4 * squared[i], "{i}");
         let others: Vec<usize> = (0..whole.len()).filter(|&j| j != i).collect();
         let without = render(&whole.select(&others), &camera, &options);
@@ -89,5 +89,5 @@ fn removal_effects_are_differences_of_renders_and_weights_those_of_saliency() {
         let want: f64 = pairs.map(|(a, b)| f64::from(a - b).powi(2)).sum();
         assert!((want - f64::from(effect)).abs() <= 1e-3 * (want + 1e-3), "{i}: {want} {effect}");
     }
-    assert!(found.removal.iter().filter(|&&e| e > 0.01).count() > 10, "{found:?}");
+    assert!(found.effects.iter().filter(|&&e| e > 0.01).count() > 10, "{found:?}");
 }

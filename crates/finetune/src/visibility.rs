@@ -1,0 +1,176 @@
+//! What cameras see of each Gaussian: its blending weights.
+//!
+//! Importances from cameras of another scene destroy a model without an error. [`doubt_about_share`] lets a caller warn before that.
+
+use gs_model::{Camera, Scene};
+
+use crate::forward::Forward;
+use crate::frustum::that_see;
+use crate::options::RenderOptions;
+use crate::stages::blend::blend_weights;
+use crate::stages::gather::gather;
+use crate::stages::opacity_of;
+use crate::stages::project::RenderView;
+
+/// What a set of views shows of each Gaussian; unit: pixels.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Visibility {
+    /// Sum over all pixels of all views of alpha T. Zero means that no view would change without the Gaussian; in a view
+    /// of more than 250,000 pixels it may still change a few pixels.
+    pub total: Vec<f32>,
+    /// Sum over all pixels of all views of (alpha T)^2: how much the squared error of the views
+    /// grows with an error of this Gaussian's colour.
+    pub squared: Vec<f32>,
+}
+
+/// Most pixels that a view is drawn with. At full size, `gsvx encode` of office (112 views of 0.75 megapixels) takes 1.8
+/// times the CPU time, and its PSNR at three qualities differs by -0.10 to 0.07 dB.
+const PIXELS: u32 = 250_000;
+
+impl Visibility {
+    /// Renders `scene` from each camera that can see it; if these are more than 256, from as many of them, which stand
+    /// for all. `step` is called after each with the number of cameras that are done. An error from it ends the
+    /// work.
+    ///
+    /// # Errors
+    /// Those of `step`.
+    pub fn of<E>(
+        scene: &Scene,
+        cameras: &[Camera],
+        mut step: impl FnMut(usize) -> Result<(), E>,
+    ) -> Result<Self, E> {
+        let (chosen, each) = that_see(scene, cameras);
+        let mut sum = Sum::new(scene);
+        for (i, camera) in chosen.iter().enumerate() {
+            sum.add(scene, camera);
+            step((i + 1) * cameras.len() / chosen.len())?;
+        }
+        let mut all = sum.visibility;
+        if each > 1.0 {
+            let weights = all.total.iter_mut().chain(&mut all.squared);
+            weights.for_each(|w| *w = (f64::from(*w) * each) as f32);
+        }
+        Ok(all)
+    }
+
+    /// Renders `scene` from every camera. Costs one forward pass each, at a smaller size where a view is large; views
+    /// are summed in the order given.
+    ///
+    /// ```
+    /// use finetune::Visibility;
+    /// use gs_model::{Camera, Scene};
+    ///
+    /// let scene = Scene {
+    ///     means: vec![[0.0, 0.0, 0.0], [0.0, 0.0, -9.0]],
+    ///     rotations: vec![[1.0, 0.0, 0.0, 0.0]; 2],
+    ///     log_scales: vec![[-2.0; 3]; 2],
+    ///     opacity_logits: vec![1.0; 2],
+    ///     sh_degree: 0,
+    ///     sh: vec![[0.0; 3]; 2],
+    ///     ..Scene::default()
+    /// };
+    /// // The camera looks at the first Gaussian; the second is behind it.
+    /// let (eye, up) = ([0.0, 0.0, -2.0], [0.0, -1.0, 0.0]);
+    /// let camera = Camera::looking_at("front".into(), eye, [0.0; 3], up, [32, 24], 30.0);
+    /// let seen = Visibility::of_all(&scene, &[camera]);
+    /// assert_eq!((seen.unseen(), seen.share(&scene)), (1, 0.5));
+    /// ```
+    #[must_use]
+    pub fn of_all(scene: &Scene, cameras: &[Camera]) -> Self {
+        let mut sum = Sum::new(scene);
+        cameras.iter().for_each(|camera| sum.add(scene, camera));
+        sum.visibility
+    }
+
+    /// Number of Gaussians that no camera sees.
+    #[must_use]
+    pub fn unseen(&self) -> usize {
+        self.squared.iter().filter(|&&w| w <= 0.0).count()
+    }
+
+    /// Share of the opacity of `scene` that is seen: the sum of the opacities of the Gaussians whose weight is above
+    /// zero, over the sum of all opacities. It is 0 if the cameras see nothing, and 1 if they see every Gaussian, or if
+    /// the scene has no opacity at all. A Gaussian without a weight counts as unseen.
+    #[must_use]
+    pub fn share(&self, scene: &Scene) -> f64 {
+        let (mut seen, mut all) = (0.0, 0.0);
+        for (i, &logit) in scene.opacity_logits.iter().enumerate() {
+            let opacity = f64::from(opacity_of(logit));
+            if opacity.is_finite() {
+                all += opacity;
+                seen += if self.squared.get(i).is_some_and(|&w| w > 0.0) { opacity } else { 0.0 };
+            }
+        }
+        if all > 0.0 { seen / all } else { 1.0 }
+    }
+}
+
+/// Blending weights over the views so far.
+struct Sum {
+    visibility: Visibility,
+    forward: Forward,
+    weights: Vec<[f32; 2]>,
+    sums: Vec<[f32; 2]>,
+}
+
+impl Sum {
+    fn new(scene: &Scene) -> Self {
+        let zeros = vec![0.0; scene.len()];
+        let visibility = Visibility { total: zeros.clone(), squared: zeros };
+        Self { visibility, forward: Forward::default(), weights: Vec::new(), sums: Vec::new() }
+    }
+
+    /// Adds a view, drawn at a smaller size if it is large.
+    fn add(&mut self, scene: &Scene, camera: &Camera) {
+        let Self { visibility, forward: f, weights, sums } = self;
+        let drawn = camera.within(PIXELS);
+        let area = |c: &Camera| c.width as f32 * c.height as f32;
+        let each = area(camera) / area(&drawn);
+        let view = RenderView::new(&drawn, &RenderOptions::default());
+        f.lists(scene, &view);
+        blend_weights(&view, &f.projected.seen.splats, &f.lists, weights);
+        gather(&f.lists, weights, f.order.len(), sums, |_, _| ());
+        for (i, &[w, w2]) in f.projected.gaussians().zip(&*sums) {
+            visibility.total[i] += each * w;
+            visibility.squared[i] += each * w2;
+        }
+    }
+}
+
+/// Cameras that see less than this share of a scene's opacity may be those of another scene.
+const LEAST_SEEN: f64 = 0.5;
+
+/// Why cameras do not fit their model, most often.
+pub const MISFIT_CAUSES: &str = "Most often nerfstudio's dataparser_transforms.json is not beside transforms.json, or \
+    the axes (y or z up) or the units differ";
+
+/// A sentence, if cameras that see this [share](Visibility::share) of a scene may be those of another: they see nothing,
+/// or less than half of the opacity.
+#[must_use]
+pub fn doubt_about_share(share: f64) -> Option<String> {
+    let part = match share {
+        s if s >= LEAST_SEEN => return None,
+        0.0 => "nothing of the model".into(),
+        s if s < 0.01 => "less than 1 % of the model's opacity".into(),
+        s => format!("{:.0} % of the model's opacity", 100.0 * s),
+    };
+    Some(format!("these cameras see {part}; are they its own? {MISFIT_CAUSES}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_large_view_weighs_as_many_pixels_as_it_has() {
+        let scene = testing::desk(300, 1);
+        let small = testing::desk_cameras(1).remove(0);
+        let large = small.scaled_to(2 * small.width, 2 * small.height).unwrap();
+        let [large, small] = [large, small].map(|camera| Visibility::of_all(&scene, &[camera]));
+        let sum = |all: &[f32]| all.iter().map(|&w| f64::from(w)).sum::<f64>();
+        for (large, small) in [(large.total, small.total), (large.squared, small.squared)] {
+            assert!(sum(&small) > 0.0);
+            assert!((sum(&large) / sum(&small) - 4.0).abs() < 0.01);
+        }
+    }
+}

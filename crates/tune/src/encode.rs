@@ -1,0 +1,305 @@
+//! [`encode`]: from a model, with cameras or without, to a stream and what is to be said of it.
+
+use finetune::{
+    LossEstimate, References, Visibility, doubt_about_share, doubted_loss, estimate_loss,
+};
+use gs_model::{Camera, Scene, View};
+use gsvx::importance::with_unseen;
+use gsvx::{
+    Aim, EncodeOptions, EncodeProgress, Encoded, Encoder, EncoderOutput, LEFT_OUT, Measure,
+};
+use std::fmt;
+use std::ops::ControlFlow;
+
+use crate::error::{Error, Result};
+use crate::photos::check_photos;
+use crate::trainer::Clock;
+
+/// How a model is encoded. The default aims at [`gsvx::DEFAULT_QUALITY`], without cameras and estimate.
+#[derive(Clone, Copy, Debug)]
+pub struct EncodeRecipe<'a> {
+    /// What the stream aims for. PSNR and SSIMULACRA2 are those of renders against renders of the model, and need cameras.
+    pub aim: Aim,
+    /// What is kept, and the layout of the stream.
+    pub options: EncodeOptions,
+    /// The training cameras, as pinholes: what they see gets more bits.
+    pub cameras: Option<&'a [Camera]>,
+    /// Views with photos that prove the cameras; none if that is not asked for.
+    pub photos: &'a [View],
+    /// Estimate how much less the stream shows than the model.
+    pub estimate: bool,
+}
+
+impl Default for EncodeRecipe<'_> {
+    fn default() -> Self {
+        let (aim, options) = (Aim::Quality(gsvx::DEFAULT_QUALITY), EncodeOptions::default());
+        Self { aim, options, cameras: None, photos: &[], estimate: false }
+    }
+}
+
+/// How far [`encode`] is.
+#[derive(Clone, Copy, Debug)]
+pub enum EncodeEvent<'a> {
+    /// Cameras from which the model has been seen, and their number.
+    Visibility(usize, usize),
+    /// Renders of the model that have been made for the aim, and their number.
+    References(usize, usize),
+    /// A stream.
+    Encoder(EncodeProgress<'a>),
+}
+
+/// A stream, and what is to be said of it.
+#[derive(Debug)]
+pub struct EncodeOutcome {
+    /// The stream. Its rows and counts are those of the whole model.
+    pub output: EncoderOutput,
+    /// What the cameras see; `None` without cameras, or if [`CameraDoubt::Photos`] kept them out.
+    pub seen: Option<VisibilityCount>,
+    /// Why the cameras may not be the model's own.
+    pub doubts: Vec<CameraDoubt>,
+    /// How much less the stream shows than the model, if that was asked for.
+    pub loss: Option<LossEstimate>,
+    /// How long the estimate took.
+    pub estimate_seconds: f64,
+}
+
+impl EncodeOutcome {
+    /// Whether there were cameras that decided nothing.
+    #[must_use]
+    pub fn cameras_ignored(&self) -> bool {
+        self.doubts.iter().any(CameraDoubt::is_decisive)
+    }
+}
+
+/// How much of a model cameras see.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct VisibilityCount {
+    /// [`Visibility::share`].
+    pub share: f64,
+    /// Gaussians that no camera sees.
+    pub unseen: usize,
+    /// Gaussians that cameras see, but too little to pay for their bits.
+    pub hardly_seen: usize,
+    /// Of both, those in the stream.
+    pub kept: usize,
+}
+
+/// Why cameras may not be those of a model.
+#[derive(Debug)]
+pub enum CameraDoubt {
+    /// The photos show something else than the model. The cameras decide nothing.
+    Photos(Error),
+    /// They see only this share of the model's opacity. They are used.
+    Share(f64),
+    /// A stream by their importances shows well to them and badly around the model. They decide nothing.
+    Misfit(LossEstimate),
+}
+
+impl CameraDoubt {
+    /// Whether the cameras decide nothing because of it.
+    #[must_use]
+    pub fn is_decisive(&self) -> bool {
+        !matches!(self, Self::Share(_))
+    }
+}
+
+impl fmt::Display for CameraDoubt {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let LossEstimate { at_cameras, around } = match self {
+            Self::Photos(error) => return f.write_str(&gs_model::chain(error)),
+            Self::Share(share) => {
+                return f.write_str(&doubt_about_share(*share).unwrap_or_default());
+            }
+            Self::Misfit(loss) => loss,
+        };
+        let around = around.map_or(f64::NAN, |l| l.psnr);
+        match at_cameras {
+            Some(at) => write!(
+                f,
+                "where these cameras look, a stream by their importances has {:.0} dB, but around the model \
+                 {around:.0} dB",
+                at.psnr
+            ),
+            None => write!(
+                f,
+                "these cameras show nothing of the model, and a stream by their importances has {around:.0} dB around it"
+            ),
+        }?;
+        write!(f, "; are they its own? {}", finetune::MISFIT_CAUSES)
+    }
+}
+
+/// Encodes a model as `gsvx encode` does:
+///
+/// 1. What no rasterizer draws is left out, unless it is to be kept.
+/// 2. If the photos show the model at their cameras, what the cameras see becomes importance.
+/// 3. The stream of the aim is made; for a PSNR or SSIMULACRA2, streams are compared with renders of the model.
+/// 4. If it shows well to the cameras and badly to views that do not depend on them, these are not the model's own, and
+///    importances from them would destroy it. It is encoded once more without them, unless what they do not see is to
+///    be dropped.
+///
+/// `progress` ends the work where it breaks.
+///
+/// # Errors
+/// Those of the encoder; [`Error::NothingSeen`] if the cameras see nothing; [`Error::OtherPhotos`] if what cameras do not
+/// see is to be dropped, and the photos show something else.
+pub fn encode(
+    mut scene: Scene,
+    recipe: &EncodeRecipe<'_>,
+    mut progress: impl FnMut(EncodeEvent<'_>) -> ControlFlow<()>,
+) -> Result<EncodeOutcome> {
+    let EncodeRecipe { aim, options, cameras, photos, .. } = *recipe;
+    let drop_unseen = options.prepare.drop_unseen;
+    let drawn = leave_out_transparent(&mut scene, recipe)?;
+    let mut doubts = Vec::new();
+    if let Err(error) = check_photos(&scene, photos) {
+        if drop_unseen {
+            return Err(error);
+        }
+        doubts.push(CameraDoubt::Photos(error));
+    }
+    let mut tell = |event: EncodeEvent<'_>| match progress(event) {
+        ControlFlow::Continue(()) => Ok(()),
+        ControlFlow::Break(()) => Err(Error::from(gsvx::Error::Cancelled)),
+    };
+    let (mut seen, mut importance) = (None, None);
+    if let Some(cameras) = cameras.filter(|_| doubts.is_empty()) {
+        let step = |done| tell(EncodeEvent::Visibility(done, cameras.len()));
+        let visibility = Visibility::of(&scene, cameras, step)?;
+        let (share, unseen) = (visibility.share(&scene), visibility.unseen());
+        if share == 0.0 {
+            return Err(Error::NothingSeen);
+        }
+        doubts.extend(doubt_about_share(share).map(|_| CameraDoubt::Share(share)));
+        seen = Some(VisibilityCount { share, unseen, ..VisibilityCount::default() });
+        importance = Some(visibility.squared);
+    }
+    // The likeness is to the model before pruning.
+    let likeness = cameras.filter(|_| matches!(aim, Aim::Alike { .. }));
+    let step = |done, all| tell(EncodeEvent::References(done, all));
+    let references = likeness.map(|cameras| References::new(&scene, cameras, step)).transpose()?;
+    let mut encoder = Encoder::new(aim);
+    encoder.options = options;
+    if let Some(references) = &references {
+        encoder.measure_by(|measure, scene| match measure {
+            Measure::Psnr => references.psnr(scene),
+            Measure::Ssimulacra2 => references.ssimulacra2(scene),
+        });
+    }
+    encoder.on_progress(move |event| progress(EncodeEvent::Encoder(event)));
+    let Judgement { mut output, misfit, loss, seconds: estimate_seconds } =
+        judged(&mut encoder, &scene, importance.as_deref(), recipe)?;
+    doubts.extend(misfit.map(CameraDoubt::Misfit));
+    if let (Some(seen), Some(weights), None) = (&mut seen, importance, misfit) {
+        let least = match drop_unseen {
+            true => weights.clone(),
+            false => with_unseen(&scene, &weights, output.quality.unwrap_or_default()),
+        };
+        seen.count(&weights, &least, &output.encoded.rows);
+    }
+    if let Some((all, drawn)) = drawn {
+        add_transparent(&mut output.encoded, all, &drawn);
+    }
+    Ok(EncodeOutcome { output, seen, doubts, loss, estimate_seconds })
+}
+
+/// A stream, and how much less it shows than its model.
+struct Judgement {
+    output: EncoderOutput,
+    /// The loss of a stream by the cameras' importances, if that is why they were not used.
+    misfit: Option<LossEstimate>,
+    loss: Option<LossEstimate>,
+    seconds: f64,
+}
+
+/// The stream by these importances, or without them if it [casts doubt](LossEstimate::doubts_cameras) on the cameras.
+fn judged(
+    encoder: &mut Encoder<'_>,
+    scene: &Scene,
+    importance: Option<&[f32]>,
+    recipe: &EncodeRecipe<'_>,
+) -> gsvx::Result<Judgement> {
+    let told = recipe.estimate && recipe.aim != Aim::Lossless;
+    let output = encoder.encode(scene, importance)?;
+    let clock = Clock::start();
+    // Lossless streams and bounds on errors have no quality, and no cameras can harm them.
+    let refusable =
+        importance.is_some() && !recipe.options.prepare.drop_unseen && output.quality.is_some();
+    let decoded = if told || refusable { Some(output.encoded.decode()?) } else { None };
+    let loss_of = |decoded: &Scene| estimate_loss(scene, decoded, recipe.cameras);
+    let loss = decoded.as_ref().filter(|_| told).map(loss_of);
+    let misfit = match (&decoded, loss) {
+        _ if !refusable => None,
+        (_, Some(loss)) => Some(loss).filter(LossEstimate::doubts_cameras),
+        (Some(decoded), None) => doubted_loss(scene, decoded, recipe.cameras.unwrap_or_default()),
+        (None, None) => None,
+    };
+    drop(decoded);
+    let mut judgement = Judgement { output, misfit, loss, seconds: clock.seconds() };
+    if misfit.is_some() {
+        judgement.output = encoder.encode(scene, None)?;
+        let clock = Clock::start();
+        let decoded = if told { Some(judgement.output.encoded.decode()?) } else { None };
+        judgement.loss = decoded.as_ref().map(loss_of);
+        judgement.seconds += clock.seconds();
+    }
+    Ok(judgement)
+}
+
+impl VisibilityCount {
+    /// Counts what became of what cameras see too little of. `least` has the importances by which it was kept.
+    fn count(&mut self, weights: &[f32], least: &[f32], rows: &[u32]) {
+        for ((&seen, &least), &row) in weights.iter().zip(least).zip(rows) {
+            let kept = row != LEFT_OUT;
+            let hardly = !kept || least > seen;
+            self.hardly_seen += usize::from(hardly && seen > 0.0);
+            self.kept += usize::from(hardly && kept);
+        }
+    }
+}
+
+/// Leaves out what no rasterizer draws. Returns how many Gaussians there were, and the indices of those that are left.
+/// The encoder does it too, in a copy.
+fn leave_out_transparent(
+    scene: &mut Scene,
+    recipe: &EncodeRecipe<'_>,
+) -> gsvx::Result<Option<(usize, Vec<usize>)>> {
+    let (all, drawn) = (scene.len(), scene.drawn().unwrap_or_default());
+    if matches!(recipe.aim, Aim::Lossless | Aim::MaxError(_)) || drawn.is_empty() {
+        return Ok(None);
+    }
+    // An error names the Gaussian of the model.
+    gsvx::check_values(scene, recipe.options.code.max_sh_degree, 0)?;
+    scene.keep(&drawn);
+    Ok(Some((all, drawn)))
+}
+
+/// Counts the Gaussians that [`leave_out_transparent`] left out.
+fn add_transparent(encoded: &mut Encoded, all: usize, drawn: &[usize]) {
+    encoded.transparent += all - drawn.len();
+    let rows = std::mem::replace(&mut encoded.rows, vec![LEFT_OUT; all]);
+    drawn.iter().zip(rows).for_each(|(&i, row)| encoded.rows[i] = row);
+}
+
+/// Cameras that [`misfit`] looks from, and their greatest size, pixels.
+const TRIED: usize = 24;
+const TRIED_PIXELS: u32 = 120_000;
+
+/// Whether cameras seem not to be those of a model: a stream of this quality by their importances shows well to them and
+/// badly to views that do not depend on them.
+///
+/// # Errors
+/// Those of the encoder.
+pub fn misfit(
+    scene: &Scene,
+    cameras: &[Camera],
+    quality: f32,
+) -> gsvx::Result<Option<CameraDoubt>> {
+    let (cameras, _) = finetune::that_see(scene, cameras);
+    let step = cameras.len().div_ceil(TRIED).max(1);
+    let cameras: Vec<Camera> =
+        cameras.into_iter().step_by(step).map(|c| c.within(TRIED_PIXELS)).collect();
+    let importance = Visibility::of_all(scene, &cameras).squared;
+    let encoded = gsvx::encode(scene, Some(&importance), quality, &EncodeOptions::default())?;
+    Ok(doubted_loss(scene, &encoded.decode()?, &cameras).map(CameraDoubt::Misfit))
+}
