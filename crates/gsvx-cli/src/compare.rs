@@ -9,7 +9,7 @@ use crate::output::{Output, empty_folder, is_stdio};
 use crate::pictures;
 use crate::progress::Meter;
 use crate::report::Reporter;
-use crate::views::{Origin, Placed, WhichViews};
+use crate::views::{Origin, PlacedCameras, WhichViews};
 use anyhow::Result;
 use finetune::metrics::Scores;
 use finetune::{Image, RenderOptions, render};
@@ -67,7 +67,7 @@ pub(crate) fn run(args: &CompareArgs, report: Reporter) -> Result<()> {
     let lost = a.origin != b.origin && b.origin == [0.0; 3];
     let unmoved = lost.then(|| b.means.clone());
     [&mut a, &mut b].into_iter().for_each(|scene| scene.move_origin(place));
-    let Placed { cameras, origin } = args.views.cameras(&a, &args.reference)?;
+    let PlacedCameras { cameras, origin } = args.views.cameras(&a, &args.reference)?;
     let seen = score_views(&a, &b, &cameras);
     let mut order: Vec<_> = seen.iter().collect();
     order.sort_by(|x, y| x.scores.psnr.total_cmp(&y.scores.psnr));

@@ -1,6 +1,6 @@
 //! What `gsvx info` says of a model that is no stream.
 
-use crate::input::{self, Loaded};
+use crate::input::{self, LoadedModel};
 use crate::report::Reporter;
 use anyhow::Result;
 use gs_model::Scene;
@@ -10,8 +10,8 @@ use serde_json::{Value, json};
 use std::path::Path;
 
 /// Describes a model.
-pub(crate) fn model(loaded: &Loaded, path: &Path, report: Reporter) -> Result<()> {
-    let Loaded { scene, bytes, report: file } = loaded;
+pub(crate) fn model(loaded: &LoadedModel, path: &Path, report: Reporter) -> Result<()> {
+    let LoadedModel { scene, bytes, report: file } = loaded;
     let (name, size) = (input::name(path), DecimalBytes(*bytes));
     let bits = 8.0 * *bytes as f64 / file.gaussians_in_file.max(1) as f64;
     let mut text = format!(

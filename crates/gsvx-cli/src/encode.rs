@@ -5,7 +5,7 @@ use crate::content::{CONTENT, LARGE, SceneArgs};
 use crate::exit::{missed, note, usage};
 use crate::format::{STREAM, is_stream_name};
 use crate::info::parts;
-use crate::input::{self, Loaded};
+use crate::input::{self, LoadedModel};
 use crate::join::{self, ScenePart};
 use crate::output::{Output, counted};
 use crate::progress::Meter;
@@ -198,7 +198,7 @@ fn encode_file(args: &EncodeArgs, job: &Job, report: Reporter) -> Result<()> {
     let output = Output::open(&job.output, args.scene.force, &[&job.input])?;
     let (start, name) = (Instant::now(), input::name(&job.input));
     let reading = &args.scene.reading;
-    let Loaded { scene, bytes: input_bytes, report: file } = match args.lossless {
+    let LoadedModel { scene, bytes: input_bytes, report: file } = match args.lossless {
         true => reading.exact_model(&job.input)?,
         false => reading.model(&job.input, true)?,
     };

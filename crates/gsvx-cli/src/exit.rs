@@ -29,19 +29,19 @@ const READER_GONE: u8 = 141;
 /// An error with an exit code of its own.
 #[derive(Debug, thiserror::Error)]
 #[error("{text}")]
-struct Coded {
+struct ExitCode {
     code: u8,
     text: String,
 }
 
 /// An error that ends the command with the exit code of wrong usage.
 pub(crate) fn usage(text: impl Into<String>) -> anyhow::Error {
-    anyhow::Error::new(Coded { code: USAGE, text: text.into() })
+    anyhow::Error::new(ExitCode { code: USAGE, text: text.into() })
 }
 
 /// An error that says that the output was written, but misses its target.
 pub(crate) fn missed(text: impl Into<String>) -> anyhow::Error {
-    anyhow::Error::new(Coded { code: MISSED, text: text.into() })
+    anyhow::Error::new(ExitCode { code: MISSED, text: text.into() })
 }
 
 /// The chain of causes on one line, outermost first, and what the flags of this command do about it.
@@ -128,7 +128,7 @@ pub(crate) fn code(error: &anyhow::Error) -> u8 {
         return INTERRUPTED;
     }
     note(format_args!("error: {}", line(error)));
-    error.chain().find_map(|c| c.downcast_ref()).map_or(FAILED, |coded: &Coded| coded.code)
+    error.chain().find_map(|c| c.downcast_ref()).map_or(FAILED, |coded: &ExitCode| coded.code)
 }
 
 /// Writes a line to standard error. Nobody can be told if that fails.

@@ -1,7 +1,7 @@
 //! `gsvx convert --compress`: a gsvx stream inside a `.glb`.
 
 use crate::exit::{note, usage};
-use crate::input::{self, Loaded, Opened, ReadingAny};
+use crate::input::{self, LoadedModel, OpenedInput, ReadingAny};
 use crate::output::{Output, Written};
 use anyhow::{Context, Result};
 use gs_model::gltf::Compressed;
@@ -16,14 +16,14 @@ pub(crate) fn stream(
     notes: &mut Vec<String>,
 ) -> Result<Vec<u8>> {
     let name = input::name(path);
-    let Loaded { scene, report, .. } = match (reading.open(path)?, quality) {
-        (Opened::Model(loaded), _) => *loaded,
-        (Opened::Stream(_), Some(_)) => {
+    let LoadedModel { scene, report, .. } = match (reading.open(path)?, quality) {
+        (OpenedInput::Model(loaded), _) => *loaded,
+        (OpenedInput::Stream(_), Some(_)) => {
             return Err(usage(format!(
                 "{name}: is a stream, which goes in as it is; leave out --quality"
             )));
         }
-        (Opened::Stream(bytes), None) => return whole(bytes, reading, &name),
+        (OpenedInput::Stream(bytes), None) => return whole(bytes, reading, &name),
     };
     *notes = report.sentences();
     let mut encoder = Encoder::new(Aim::Quality(quality.unwrap_or(DEFAULT_QUALITY)));

@@ -2,7 +2,7 @@
 
 use crate::batch;
 use crate::describe;
-use crate::input::{self, LARGE, Opened, ReadingAny};
+use crate::input::{self, LARGE, OpenedInput, ReadingAny};
 use crate::report::Reporter;
 use crate::stream_file::{StreamBytes, StreamFile};
 use anyhow::{Context, Result};
@@ -37,11 +37,11 @@ pub(crate) fn run(args: &InfoArgs, report: Reporter) -> Result<()> {
             return describe::unread(&parts, path, report);
         }
         match args.reading.open(path)? {
-            Opened::Stream(bytes) => {
+            OpenedInput::Stream(bytes) => {
                 let index = Index::parse(&bytes).with_context(|| input::name(path))?;
                 describe_stream(&StreamBytes::Memory(bytes), &index, path, args, report)
             }
-            Opened::Model(loaded) => describe::model(&loaded, path, report),
+            OpenedInput::Model(loaded) => describe::model(&loaded, path, report),
         }
     })
 }

@@ -67,7 +67,7 @@ pub(crate) struct Limit {
 }
 
 /// A model, and what its file said.
-pub(crate) struct Loaded {
+pub(crate) struct LoadedModel {
     pub(crate) scene: Scene,
     /// Length of the file, and of what belongs to it.
     pub(crate) bytes: u64,
@@ -75,9 +75,9 @@ pub(crate) struct Loaded {
 }
 
 /// A file that was opened: the bytes of a stream, or a model.
-pub(crate) enum Opened {
+pub(crate) enum OpenedInput {
     Stream(Vec<u8>),
-    Model(Box<Loaded>),
+    Model(Box<LoadedModel>),
 }
 
 /// Opens a file.
@@ -145,12 +145,12 @@ impl Reading {
     }
 
     /// A model of any format that gs-model reads; a stream is refused. Says what its file held if `say`.
-    pub(crate) fn model(&self, path: &Path, say: bool) -> Result<Loaded> {
+    pub(crate) fn model(&self, path: &Path, say: bool) -> Result<LoadedModel> {
         self.only_model(path, &self.options(None), say)
     }
 
     /// As [`Reading::model`], with every value as it is in the file unless invalid Gaussians are left out.
-    pub(crate) fn exact_model(&self, path: &Path) -> Result<Loaded> {
+    pub(crate) fn exact_model(&self, path: &Path) -> Result<LoadedModel> {
         let mut options = self.options(None);
         if !self.drop_invalid {
             options.invalid = Invalid::Keep;
@@ -158,15 +158,15 @@ impl Reading {
         self.only_model(path, &options, true)
     }
 
-    fn only_model(&self, path: &Path, options: &ReadOptions, say: bool) -> Result<Loaded> {
+    fn only_model(&self, path: &Path, options: &ReadOptions, say: bool) -> Result<LoadedModel> {
         match self.open(path, options)? {
-            Opened::Model(loaded) => {
+            OpenedInput::Model(loaded) => {
                 if say {
                     say_notes(path, &loaded.report);
                 }
                 Ok(*loaded)
             }
-            Opened::Stream(_) => bail!(
+            OpenedInput::Stream(_) => bail!(
                 "{}: is a gsvx stream already; to code it again, write it as a model with gsvx decode first",
                 name(path)
             ),
@@ -174,7 +174,7 @@ impl Reading {
     }
 
     /// Reads a model, or the bytes of a stream.
-    fn open(&self, path: &Path, options: &ReadOptions) -> Result<Opened> {
+    fn open(&self, path: &Path, options: &ReadOptions) -> Result<OpenedInput> {
         let from = self.from.as_deref();
         let reading = Meter::spinner(format!("reading {}", name(path)));
         let length = std::fs::metadata(path).ok().filter(|m| m.is_file()).map(|m| m.len());
@@ -186,7 +186,7 @@ impl Reading {
         } else {
             let all = bytes(path)?;
             if from == Some(STREAM) || (from.is_none() && is_stream(&all)) {
-                return Ok(Opened::Stream(all));
+                return Ok(OpenedInput::Stream(all));
             }
             let read = match from.and_then(Format::named) {
                 Some(format) => format.read(name(path), &all, options)?,
@@ -196,12 +196,12 @@ impl Reading {
         };
         drop(reading);
         let bytes = bytes + report.bytes_beside;
-        Ok(Opened::Model(Box::new(Loaded { scene, bytes, report })))
+        Ok(OpenedInput::Model(Box::new(LoadedModel { scene, bytes, report })))
     }
 }
 
 /// Opens a file of any format, without its invalid Gaussians.
-pub(crate) fn lenient(path: &Path) -> Result<Opened> {
+pub(crate) fn lenient(path: &Path) -> Result<OpenedInput> {
     let reading = Reading { from: None, drop_invalid: true, axes: Axes::Turn };
     reading.open(path, &reading.options(None))
 }
@@ -218,9 +218,9 @@ pub(crate) fn say_notes(path: &Path, report: &Report) {
 
 impl ReadingAny {
     /// Reads a model, or the bytes of a stream.
-    pub(crate) fn open(&self, path: &Path) -> Result<Opened> {
+    pub(crate) fn open(&self, path: &Path) -> Result<OpenedInput> {
         let opened = self.model.open(path, &self.model.options(self.limit.max_gaussians))?;
-        if let Opened::Model(loaded) = &opened {
+        if let OpenedInput::Model(loaded) = &opened {
             say_notes(path, &loaded.report);
             self.limit.check(path, loaded.scene.len() as u64)?;
         }
@@ -230,8 +230,8 @@ impl ReadingAny {
     /// A model of any format, streams included, and what its file held; nothing is said of a stream's.
     pub(crate) fn any(&self, path: &Path) -> Result<(Scene, Report)> {
         let bytes = match self.open(path)? {
-            Opened::Stream(bytes) => bytes,
-            Opened::Model(loaded) => return Ok((loaded.scene, loaded.report)),
+            OpenedInput::Stream(bytes) => bytes,
+            OpenedInput::Model(loaded) => return Ok((loaded.scene, loaded.report)),
         };
         let mut options = gsvx::DecodeOptions::default();
         options.max_gaussians = self.limit.max_gaussians;

@@ -135,7 +135,7 @@ impl Output {
             Target::Stdout => at_once(&mut io::stdout(), &name, fill)?,
             Target::Device(mut file) => at_once(&mut file, &name, fill)?,
             Target::File(mut to) => {
-                let bytes = Watched::fill(to.file.as_file_mut(), &name, fill)?;
+                let bytes = WatchedFile::fill(to.file.as_file_mut(), &name, fill)?;
                 to.put_in_place(&name, true)?;
                 bytes
             }
@@ -169,7 +169,7 @@ fn at_once(
     fill: impl FnOnce(&mut (dyn Write + Send)) -> Result<()>,
 ) -> Result<u64> {
     ledger().begun = Some(name.into());
-    let bytes = Watched::fill(out, name, fill)?;
+    let bytes = WatchedFile::fill(out, name, fill)?;
     let mut ledger = ledger();
     ledger.begun = None;
     ledger.completed(name);
@@ -187,13 +187,13 @@ pub(crate) struct Written {
 
 /// A writer that counts what goes through, and keeps the first failure: what is above it words it
 /// otherwise, or not at all.
-struct Watched<'a> {
+struct WatchedFile<'a> {
     out: &'a mut (dyn Write + Send),
     bytes: u64,
     failed: Option<io::Error>,
 }
 
-impl<'a> Watched<'a> {
+impl<'a> WatchedFile<'a> {
     /// Calls `fill` with a buffer before `out`, which is called `name`. Returns the bytes written.
     fn fill(
         out: &'a mut (dyn Write + Send),
@@ -220,7 +220,7 @@ impl<'a> Watched<'a> {
     }
 }
 
-impl Write for Watched<'_> {
+impl Write for WatchedFile<'_> {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         let outcome = self.out.write(bytes);
         let n = self.keep(outcome)?;
@@ -309,7 +309,7 @@ impl OutputFolder {
         };
         let mut file = created.map_err(failed)?;
         self.files.push((waits, target));
-        let bytes = Watched::fill(&mut file, &name, fill)?;
+        let bytes = WatchedFile::fill(&mut file, &name, fill)?;
         file.sync_all().map_err(failed)?;
         Ok(bytes)
     }

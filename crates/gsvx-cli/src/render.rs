@@ -6,7 +6,7 @@ use crate::input::ReadingAny;
 use crate::output::{Output, counted, is_stdio, make_folder};
 use crate::progress::Meter;
 use crate::report::Reporter;
-use crate::views::{Origin, Placed, WhichViews};
+use crate::views::{Origin, PlacedCameras, WhichViews};
 use crate::{pictures, size};
 use anyhow::{Result, bail};
 use finetune::{RenderOptions, render};
@@ -52,7 +52,7 @@ fn colour(text: &str) -> Result<[f32; 3], String> {
 pub(crate) fn run(args: &RenderArgs, report: Reporter) -> Result<()> {
     let single = is_single(&args.output)?;
     let (scene, _) = args.reading.any(&args.input)?;
-    let Placed { cameras, origin } = args.views.cameras(&scene, &args.input)?;
+    let PlacedCameras { cameras, origin } = args.views.cameras(&scene, &args.input)?;
     let options = RenderOptions { background: args.background, ..Default::default() };
     if single && cameras.len() > 1 {
         let n = cameras.len();

@@ -11,7 +11,7 @@ use crate::output::{Output, empty_folder};
 use crate::paper_tune::{self, PaperArgs, PaperJob};
 use crate::progress::Meter;
 use crate::report::Reporter;
-use crate::views::{self, Origin, Placed};
+use crate::views::{self, Origin, PlacedCameras};
 use crate::{interrupt, photos, pictures, size};
 use anyhow::{Context, Result, bail};
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
@@ -180,7 +180,7 @@ impl TuneArgs {
                 return Ok((Targets::Photos(found), Some(read.origin)));
             }
         }
-        let Placed { cameras, origin } = views::as_pinholes(path, read)?;
+        let PlacedCameras { cameras, origin } = views::as_pinholes(path, read)?;
         self.refuse_misfits(scene, &cameras, path)?;
         Ok((Targets::Renders(cameras), origin))
     }

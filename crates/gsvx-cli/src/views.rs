@@ -42,10 +42,10 @@ pub(crate) struct WhichViews {
 
 impl WhichViews {
     /// The cameras, and where they are from; `scene`, read from `path`, is what generated ones look at.
-    pub(crate) fn cameras(&self, scene: &Scene, path: &Path) -> Result<Placed> {
+    pub(crate) fn cameras(&self, scene: &Scene, path: &Path) -> Result<PlacedCameras> {
         let (all, mut origin) = match (&self.cameras, self.orbit.orbit) {
             (Some(path), _) => {
-                let Read { views, origin } = read(path)?;
+                let ReadViews { views, origin } = read(path)?;
                 (views.into_iter().map(|v| v.camera).collect(), Some(origin))
             }
             (None, Some(n)) => (self.orbit.cameras(scene, n, up_beside(path))?, None),
@@ -77,18 +77,18 @@ impl WhichViews {
                 }
             };
         }
-        Ok(Placed { cameras: chosen, origin })
+        Ok(PlacedCameras { cameras: chosen, origin })
     }
 }
 
 /// Cameras to draw from, and where they are from; generated ones are from nowhere.
-pub(crate) struct Placed {
+pub(crate) struct PlacedCameras {
     pub(crate) cameras: Vec<Camera>,
     pub(crate) origin: Option<Origin>,
 }
 
 /// Views that were read.
-pub(crate) struct Read {
+pub(crate) struct ReadViews {
     pub(crate) views: Vec<View>,
     pub(crate) origin: Origin,
 }
@@ -180,12 +180,12 @@ fn say_lenses(path: &Path, cameras: &[Camera]) {
 }
 
 /// The views of a scene folder or of a camera file, by name. Notes say what is unusual about them.
-pub(crate) fn read(path: &Path) -> Result<Read> {
+pub(crate) fn read(path: &Path) -> Result<ReadViews> {
     let CameraSet { views, source, form, notes, .. } = dataset::open_cameras(path)?;
     notes.iter().for_each(note);
     let count = views.len();
     let origin = Origin { source, form, count, used: count, how: String::new() };
-    Ok(Read { views, origin })
+    Ok(ReadViews { views, origin })
 }
 
 /// Cameras that show a model, which was read from `path`, from wherever it can be seen.
@@ -198,8 +198,8 @@ pub(crate) fn around(orbit: &Orbit, n: u32, path: &Path, scene: &Scene) -> Resul
 }
 
 /// The views, which `path` names, that are not held out for measuring, relative to the origin of a scene.
-pub(crate) fn training(path: &Path, scene_origin: [f64; 3]) -> Result<Read> {
-    let Read { views, mut origin } = read(path)?;
+pub(crate) fn training(path: &Path, scene_origin: [f64; 3]) -> Result<ReadViews> {
+    let ReadViews { views, mut origin } = read(path)?;
     let kept = views.into_iter().enumerate().filter(|(i, _)| i % HOLD_OUT_EVERY != 0);
     let moved = |view: View| View { camera: view.camera.relative_to(scene_origin), ..view };
     let views: Vec<View> = kept.map(|(_, view)| moved(view)).collect();
@@ -213,12 +213,12 @@ pub(crate) fn training(path: &Path, scene_origin: [f64; 3]) -> Result<Read> {
         views.len(),
         origin.count - views.len()
     );
-    Ok(Read { views, origin })
+    Ok(ReadViews { views, origin })
 }
 
 /// Pinhole cameras that show what the photos of the views show.
-pub(crate) fn as_pinholes(path: &Path, read: Read) -> Result<Placed> {
-    let Read { views, mut origin } = read;
+pub(crate) fn as_pinholes(path: &Path, read: ReadViews) -> Result<PlacedCameras> {
+    let ReadViews { views, mut origin } = read;
     let own: Vec<Camera> = views.into_iter().map(|view| view.camera).collect();
     let cameras = pinholes(path, &own)?;
     drawable(&cameras, &format!("correct the sizes in {}", path.display()))?;
@@ -231,7 +231,7 @@ pub(crate) fn as_pinholes(path: &Path, read: Read) -> Result<Placed> {
         origin.how +=
             &format!("; importance is measured at {}, evenly chosen", finetune::MOST_CAMERAS);
     }
-    Ok(Placed { cameras, origin: Some(origin) })
+    Ok(PlacedCameras { cameras, origin: Some(origin) })
 }
 
 /// What the cameras, which `path` names, see of `scene`. Warns if that is little.

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{heard, model, one_line, report, room, room_cameras, run};
+use common::{Folder, heard, model, one_line, report, room, room_cameras, run};
 use finetune::{RenderOptions, metrics, render};
 use gs_model::{Camera, Scene, dataset};
 use serde_json::Value;
@@ -48,20 +48,20 @@ fn psnr(stream: &Path) -> f64 {
 
 #[test]
 fn cameras_that_see_little_are_named_and_what_they_miss_is_kept() {
-    let dir = tempfile::tempdir().unwrap();
-    let (json, stream) = (dir.path().join("cameras.json"), dir.path().join("a.gsvx"));
+    let dir = Folder::new();
+    let (json, stream) = (dir.join("cameras.json"), dir.join("a.gsvx"));
     let input = model();
     // Cameras that look into the void beside the room.
     write_json(&json, &looking([90.0, 90.0, 90.0], [180.0, 180.0, 180.0]));
-    let words = ["encode", "@", "-o", "@", "--cameras", "@"];
-    one_line(&run(&words, &[&input, &stream, &json]), "see nothing of the model");
+    let words = "encode @ -o @ --cameras @";
+    one_line(&run(words, &[&input, &stream, &json]), "see nothing of the model");
     assert!(!stream.exists());
     // Cameras close to a wall: they see a little of it.
     let mut near = cameras().swap_remove(3);
     (near.fx, near.fy) = (20.0 * near.fx, 20.0 * near.fy);
     let second = Camera { name: "second".into(), ..near.clone() };
     write_json(&json, &[near, second]);
-    let (kept, said) = report(&words, &[&input, &stream, &json]);
+    let (kept, said) = report(words, &[&input, &stream, &json]);
     assert!(said.contains("warning") && said.contains("of the model's opacity"), "{said}");
     assert!(kept["seen_opacity_share"].as_f64().unwrap() < 0.5, "{kept}");
     assert!(kept["unseen"].as_u64().unwrap() > 5000, "{kept}");
@@ -69,7 +69,7 @@ fn cameras_that_see_little_are_named_and_what_they_miss_is_kept() {
     let all_around = psnr(&stream);
     assert!(all_around > 25.0, "{all_around} dB: no picture");
     // Whoever asks for it gets what the cameras see, and is told what is missing.
-    let only = [&words[..], &["--drop-unseen", "--force"]].concat();
+    let only = format!("{words} --drop-unseen --force");
     let (dropped, _) = report(&only, &[&input, &stream, &json]);
     assert!(dropped["left_out"].as_u64().unwrap() > 5000, "{dropped}");
     assert!(dropped["bytes"].as_u64() < kept["bytes"].as_u64());
@@ -105,15 +105,14 @@ fn misfits() -> [(&'static str, Vec<Camera>); 3] {
 
 #[test]
 fn cameras_of_another_frame_are_named_and_decide_nothing() {
-    let dir = tempfile::tempdir().unwrap();
-    let [json, with, without] =
-        ["cameras.json", "with.gsvx", "without.gsvx"].map(|n| dir.path().join(n));
+    let dir = Folder::new();
+    let [json, with, without] = ["cameras.json", "with.gsvx", "without.gsvx"].map(|n| dir.join(n));
     let input = model();
-    common::ok(&["encode", "@", "-o", "@"], &[&input, &without]);
+    common::ok("encode @ -o @", &[&input, &without]);
     for (name, cameras) in misfits() {
         write_json(&json, &cameras);
-        let words = ["encode", "@", "-o", "@", "--force", "--cameras", "@"];
-        let (made, said) = report(&words, &[&input, &with, &json]);
+        let words = "encode @ -o @ --force --cameras @";
+        let (made, said) = report(words, &[&input, &with, &json]);
         assert!(
             said.contains("are they its own?") && said.contains("dataparser_transforms.json"),
             "{name}: {said}"
@@ -122,55 +121,52 @@ fn cameras_of_another_frame_are_named_and_decide_nothing() {
         // What they see decides nothing.
         assert!(std::fs::read(&with).unwrap() == std::fs::read(&without).unwrap(), "{name}");
         // Nor of a model that is encoded tile by tile.
-        let (_, said) =
-            report(&[&words[..], &["--memory", "1G"]].concat(), &[&input, &with, &json]);
+        let (_, said) = report(&format!("{words} --memory 1G"), &[&input, &with, &json]);
         assert!(said.contains("dataparser_transforms.json"), "{name}: {said}");
         assert!(std::fs::read(&with).unwrap() == std::fs::read(&without).unwrap(), "{name}");
         // Whoever asks for what they see is told what that is at views of the model.
-        let (made, _) = report(&[&words[..], &["--drop-unseen"]].concat(), &[&input, &with, &json]);
+        let (made, _) = report(&format!("{words} --drop-unseen"), &[&input, &with, &json]);
         let (told, truth) = (made["estimated_loss"]["psnr"].as_f64().unwrap(), psnr(&with));
         assert!(told < truth + 3.0, "{name}: told {told} dB, in truth {truth} dB");
         // Tuning to renders refuses.
-        let tune =
-            ["tune", "@", "-o", "@", "--force", "--distil", "--effort", "quick", "--cameras", "@"];
-        let refused = run(&tune, &[&input, &with, &json]);
+        let tune = "tune @ -o @ --force --distil --effort quick --cameras @";
+        let refused = run(tune, &[&input, &with, &json]);
         assert!(!refused.status.success() && heard(&refused).contains("--orbit 60"), "{name}");
     }
 }
 
 #[test]
 fn photos_that_show_something_else_keep_their_cameras_from_deciding() {
-    let dir = tempfile::tempdir().unwrap();
-    room_cameras(dir.path(), "");
-    let images = dir.path().join("images");
+    let dir = Folder::new();
+    room_cameras(&dir, "");
+    let images = dir.join("images");
     std::fs::create_dir_all(&images).unwrap();
     let photos = cameras();
     for (i, camera) in photos.iter().enumerate() {
         let other = &photos[(i + photos.len() / 2) % photos.len()];
         std::fs::copy(room().join("images").join(&other.name), images.join(&camera.name)).unwrap();
     }
-    let stream = dir.path().join("a.gsvx");
-    let words = ["encode", "@", "-o", "@", "--cameras", "@"];
-    let (made, said) = report(&words, &[&model(), &stream, dir.path()]);
+    let stream = dir.join("a.gsvx");
+    let words = "encode @ -o @ --cameras @";
+    let (made, said) = report(words, &[&model(), &stream, &dir]);
     assert!(said.contains("the photos do not show this model"), "{said}");
     assert_eq!(made["cameras_doubted"], true);
     // Tile by tile too, and before the cameras decide what is kept.
     let unseeing = std::fs::read(&stream).unwrap();
-    let by_tiles = [&words[..], &["--force", "--memory", "1G"]].concat();
-    let (_, said) = report(&by_tiles, &[&model(), &stream, dir.path()]);
+    let by_tiles = format!("{words} --force --memory 1G");
+    let (_, said) = report(&by_tiles, &[&model(), &stream, &dir]);
     assert!(said.contains("the photos do not show this model"), "{said}");
     assert!(std::fs::read(&stream).unwrap() == unseeing);
-    for way in [&[][..], &["--memory", "1G"]] {
-        let drop = [&words[..], &["--drop-unseen", "--force"], way].concat();
-        common::failed(&run(&drop, &[&model(), &stream, dir.path()]), "--drop-unseen");
+    for way in ["", " --memory 1G"] {
+        let drop = format!("{words} --drop-unseen --force{way}");
+        common::failed(&run(&drop, &[&model(), &stream, &dir]), "--drop-unseen");
     }
 }
 
 #[test]
 fn cameras_stand_where_a_model_far_from_the_origin_does() {
-    let dir = tempfile::tempdir().unwrap();
-    let [model, json, stream] =
-        ["far.ply", "cameras.json", "a.gsvx"].map(|name| dir.path().join(name));
+    let dir = Folder::new();
+    let [model, json, stream] = ["far.ply", "cameras.json", "a.gsvx"].map(|name| dir.join(name));
     let (mut scene, _) = gs_model::ply::read(common::model()).unwrap();
     let far = [4.5e5, 5.2e6, 120.0];
     scene.origin = far;
@@ -179,90 +175,88 @@ fn cameras_stand_where_a_model_far_from_the_origin_does() {
         &json,
         &cameras().into_iter().map(|c| c.relative_to(far.map(|x| -x))).collect::<Vec<_>>(),
     );
-    let words = ["encode", "@", "-o", "@", "--cameras", "@"];
-    let (made, said) = report(&words, &[&model, &stream, &json]);
+    let words = "encode @ -o @ --cameras @";
+    let (made, said) = report(words, &[&model, &stream, &json]);
     assert!(made["seen_opacity_share"].as_f64().unwrap() > 0.9, "{said}");
-    let compare = ["compare", "@", "@", "--every", "8", "--cameras", "@"];
-    let (judged, _) = report(&compare, &[&model, &stream, &json]);
+    let compare = "compare @ @ --every 8 --cameras @";
+    let (judged, _) = report(compare, &[&model, &stream, &json]);
     assert!(judged["psnr"].as_f64().unwrap() > 40.0, "{judged}");
 }
 
 #[test]
 fn a_model_that_stands_on_its_head_beside_its_photos_is_said_to() {
-    let dir = tempfile::tempdir().unwrap();
-    let [model, stream] = ["kept.spz", "a.gsvx"].map(|name| dir.path().join(name));
+    let dir = Folder::new();
+    let [model, stream] = ["kept.spz", "a.gsvx"].map(|name| dir.join(name));
     // The numbers of a model whose y points down, in a format whose y points up.
-    common::ok(&["convert", "@", "@", "--axes", "keep"], &[&common::model(), &model]);
-    let words = ["encode", "@", "-o", "@", "--force", "--cameras", "@"];
-    let (made, said) = report(&words, &[&model, &stream, &room()]);
+    common::ok("convert @ @ --axes keep", &[&common::model(), &model]);
+    let words = "encode @ -o @ --force --cameras @";
+    let (made, said) = report(words, &[&model, &stream, &room()]);
     assert!(
         said.contains("turned by 180 degrees about x") && said.contains("--axes keep"),
         "{said}"
     );
     assert_eq!(made["cameras_doubted"], true);
-    let kept = [&words[..], &["--axes", "keep"]].concat();
+    let kept = format!("{words} --axes keep");
     let (made, said) = report(&kept, &[&model, &stream, &room()]);
     assert!(!said.contains("warning") && made["cameras_doubted"] == false, "{said}");
 }
 
 #[test]
 fn keeping_what_cameras_hardly_see_cost_a_sixth_of_the_bytes() {
-    let dir = tempfile::tempdir().unwrap();
-    let (json, stream) = (dir.path().join("cameras.json"), dir.path().join("a.gsvx"));
+    let dir = Folder::new();
+    let (json, stream) = (dir.join("cameras.json"), dir.join("a.gsvx"));
     // The room's cameras but for those that look one way.
     let mut most = cameras();
     most.retain(|c| c.rotation.row(2).x > -0.8);
     write_json(&json, &most);
     let input = model();
-    let words = ["encode", "@", "-o", "@", "--force", "--quality", "62", "--cameras", "@"];
-    let (kept, _) = report(&words, &[&input, &stream, &json]);
+    let words = "encode @ -o @ --force --quality 62 --cameras @";
+    let (kept, _) = report(words, &[&input, &stream, &json]);
     assert!(kept["hardly_seen_kept"].as_u64().unwrap() > 0, "{kept}");
-    let out = run(&words, &[&input, &stream, &json]);
+    let out = run(words, &[&input, &stream, &json]);
     let said = String::from_utf8(out.stdout).unwrap();
     let both = format!(
         "{} Gaussians that no camera sees and {} hardly seen: {} of them kept",
         kept["unseen"], kept["hardly_seen"], kept["hardly_seen_kept"]
     );
     assert!(said.contains(&both) && said.contains("--drop-unseen"), "{said}");
-    let (dropped, _) =
-        report(&[&words[..], &["--drop-unseen"]].concat(), &[&input, &stream, &json]);
+    let (dropped, _) = report(&format!("{words} --drop-unseen"), &[&input, &stream, &json]);
     let [kept, dropped] = [kept, dropped].map(|report| report["bytes"].as_f64().unwrap());
     assert!(kept < 1.04 * dropped, "{kept} against {dropped}");
 }
 
 #[test]
 fn a_lens_that_distorts_is_named_where_renders_do_not_show_it() {
-    let dir = tempfile::tempdir().unwrap();
-    room_cameras(dir.path(), " -0.05 0.01 0 0");
-    let views = dir.path().join("views");
-    let (project, input) = (dir.path(), model());
-    let render = ["render", "@", "-o", "@", "--every", "8", "--cameras", "@"];
-    let (_, said) = report(&render, &[&input, &views, project]);
+    let dir = Folder::new();
+    room_cameras(&dir, " -0.05 0.01 0 0");
+    let views = dir.join("views");
+    let (project, input) = (&dir, model());
+    let render = "render @ -o @ --every 8 --cameras @";
+    let (_, said) = report(render, &[&input, &views, project]);
     assert!(said.contains("lens distortion (OPENCV)"), "{said}");
     // Importance sees what the photos show.
-    let encode = ["encode", "@", "-o", "@", "--no-estimate", "--cameras", "@"];
-    let (json, said) = report(&encode, &[&input, &dir.path().join("a.gsvx"), project]);
+    let encode = "encode @ -o @ --no-estimate --cameras @";
+    let (json, said) = report(encode, &[&input, &dir.join("a.gsvx"), project]);
     assert!(!said.contains("distortion"), "{said}");
     assert!(json["seen_opacity_share"].as_f64().unwrap() > 0.9, "{json}");
 }
 
 #[test]
 fn a_tune_refuses_photos_of_another_scene() {
-    let dir = tempfile::tempdir().unwrap();
-    let images = dir.path().join("images");
+    let dir = Folder::new();
+    let images = dir.join("images");
     std::fs::create_dir_all(&images).unwrap();
-    room_cameras(dir.path(), "");
+    room_cameras(&dir, "");
     for camera in cameras() {
         let pattern = |x: u32, y: u32| image::Rgb([(x * 40) as u8, (y * 90) as u8, 255]);
         let photo = image::RgbImage::from_fn(camera.width, camera.height, pattern);
         photo.save(images.join(&camera.name)).unwrap();
     }
-    let tuned = dir.path().join("tuned.ply");
+    let tuned = dir.join("tuned.ply");
     let words = "tune @ -o @ --cameras @ --profile paper --steps 1 --backend cpu --past-input";
-    let words: Vec<&str> = words.split(' ').collect();
-    let refused = heard(&run(&words, &[&model(), &tuned, dir.path()]));
+    let refused = heard(&run(words, &[&model(), &tuned, &dir]));
     assert!(refused.contains("do not show this model"), "{refused}");
-    let (_, said) = report(&[&words[..], &["--force"]].concat(), &[&model(), &tuned, &room()]);
+    let (_, said) = report(&format!("{words} --force"), &[&model(), &tuned, &room()]);
     assert!(!said.contains("warning"), "{said}");
 }
 
@@ -305,12 +299,11 @@ fn write_shell(path: &Path) {
 
 #[test]
 fn what_a_panorama_or_a_fisheye_shows_is_kept() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = Folder::new();
     let [shell, json, stream] =
-        ["shell.ply", "transforms.json", "a.gsvx"].map(|name| dir.path().join(name));
+        ["shell.ply", "transforms.json", "a.gsvx"].map(|name| dir.join(name));
     write_shell(&shell);
     let words = "encode @ -o @ --force --drop-unseen --no-estimate --cameras @";
-    let words: Vec<&str> = words.split(' ').collect();
     let unit = |k: usize, x: f64| {
         [0, 1, 2, 3].map(|i| if i == 3 { x } else { f64::from(u8::from(i == k)) })
     };
@@ -321,70 +314,56 @@ fn what_a_panorama_or_a_fisheye_shows_is_kept() {
     let frames: Vec<Value> = (0..4).map(frame).collect();
     let mut all = serde_json::json!({"camera_model": "EQUIRECTANGULAR", "w": 1024, "h": 512, "frames": frames});
     std::fs::write(&json, all.to_string()).unwrap();
-    let (panorama, _) = report(&words, &[&shell, &stream, &json]);
+    let (panorama, _) = report(words, &[&shell, &stream, &json]);
     assert_eq!(panorama["left_out"], 0, "{panorama}");
     // 190 degrees across: a half, and more.
     all["camera_model"] = "OPENCV_FISHEYE".into();
     (all["w"], all["h"], all["fl_x"]) = (600.into(), 600.into(), 180.9.into());
     std::fs::write(&json, all.to_string()).unwrap();
-    let (fisheye, _) = report(&words, &[&shell, &stream, &json]);
+    let (fisheye, _) = report(words, &[&shell, &stream, &json]);
     let (of_all, left) = (4000, fisheye["left_out"].as_u64().unwrap());
     assert!((0..of_all * 45 / 100).contains(&left), "{fisheye}");
     // No picture stands for it, and no photo becomes one.
-    let render = ["render", "@", "-o", "@", "--cameras", "@"];
-    one_line(&run(&render, &[&shell, &dir.path().join("out"), &json]), "degrees to a side");
+    let render = "render @ -o @ --cameras @";
+    one_line(&run(render, &[&shell, &dir.join("out"), &json]), "degrees to a side");
     all["camera_model"] = "ORTHOPHOTO".into();
     std::fs::write(&json, all.to_string()).unwrap();
-    one_line(&run(&words, &[&shell, &stream, &json]), "the lens model ORTHOPHOTO is not known");
+    one_line(&run(words, &[&shell, &stream, &json]), "the lens model ORTHOPHOTO is not known");
 }
 
 #[test]
 fn every_command_says_which_cameras_it_uses() {
-    let dir = tempfile::tempdir().unwrap();
-    let [json, stream, views] =
-        ["transforms.json", "a.gsvx", "views"].map(|name| dir.path().join(name));
+    let dir = Folder::new();
+    let [json, stream, views] = ["transforms.json", "a.gsvx", "views"].map(|name| dir.join(name));
     write_transforms(&json, 9, &serde_json::json!({}));
     let input = model();
-    let encode = ["encode", "@", "-o", "@", "--force", "--no-estimate", "--cameras", "@"];
-    let (encoded, _) = report(&encode, &[&input, &stream, &json]);
+    let encode = "encode @ -o @ --force --no-estimate --cameras @";
+    let (encoded, _) = report(encode, &[&input, &stream, &json]);
     let path = json.display().to_string();
     let wanted = serde_json::json!({"path": path, "form": "NeRF", "count": 9, "used": 7});
     assert_eq!(encoded["cameras"], wanted);
-    let said = String::from_utf8(run(&encode, &[&input, &stream, &json]).stdout).unwrap();
+    let said = String::from_utf8(run(encode, &[&input, &stream, &json]).stdout).unwrap();
     let line = format!("9 cameras from {path} (NeRF): 7 for training, 2 held out for measuring");
     assert!(said.contains(&line), "{said}");
-    let render = ["render", "@", "-o", "@", "--every", "8", "--cameras", "@"];
-    let said = String::from_utf8(run(&render, &[&input, &views, &json]).stdout).unwrap();
+    let render = "render @ -o @ --every 8 --cameras @";
+    let said = String::from_utf8(run(render, &[&input, &views, &json]).stdout).unwrap();
     assert!(said.contains("(NeRF): 2 are drawn, the first and every 8th after it"), "{said}");
-    let compare = ["compare", "@", "@", "--view", "view_003.png", "--cameras", "@"];
-    let (compared, _) = report(&compare, &[&input, &stream, &json]);
+    let compare = "compare @ @ --view view_003.png --cameras @";
+    let (compared, _) = report(compare, &[&input, &stream, &json]);
     assert_eq!(
         (&compared["cameras"]["count"], &compared["cameras"]["used"]),
         (&9.into(), &1.into())
     );
-    let tune = [
-        "tune",
-        "@",
-        "-o",
-        "@",
-        "--force",
-        "--distil",
-        "--effort",
-        "quick",
-        "--quality",
-        "20",
-        "--cameras",
-        "@",
-    ];
-    let (tuned, said) = report(&tune, &[&input, &stream, &json]);
+    let tune = "tune @ -o @ --force --distil --effort quick --quality 20 --cameras @";
+    let (tuned, said) = report(tune, &[&input, &stream, &json]);
     assert!(said.contains(&line) && said.matches("cameras from").count() == 1, "{said}");
     assert_eq!(tuned["cameras"], wanted);
 }
 
 #[test]
 fn equal_names_of_cameras_are_no_error_where_no_photo_is_needed() {
-    let dir = tempfile::tempdir().unwrap();
-    let (json, stream) = (dir.path().join("cameras.json"), dir.path().join("a.gsvx"));
+    let dir = Folder::new();
+    let (json, stream) = (dir.join("cameras.json"), dir.join("a.gsvx"));
     let mut all = cameras();
     all.truncate(10);
     for camera in &mut all[3..6] {
@@ -392,12 +371,12 @@ fn equal_names_of_cameras_are_no_error_where_no_photo_is_needed() {
     }
     write_json(&json, &all);
     let input = model();
-    let words = ["encode", "@", "-o", "@", "--no-estimate", "--cameras", "@"];
-    let (encoded, said) = report(&words, &[&input, &stream, &json]);
+    let words = "encode @ -o @ --no-estimate --cameras @";
+    let (encoded, said) = report(words, &[&input, &stream, &json]);
     assert_eq!(encoded["cameras"]["count"], 10);
     assert!(said.matches("names that others have too").count() == 1, "{said}");
-    let views = dir.path().join("views");
-    let render = ["render", "@", "-o", "@", "--cameras", "@"];
-    common::said(&run(&render, &[&input, &views, &json]));
+    let views = dir.join("views");
+    let render = "render @ -o @ --cameras @";
+    common::said(&run(render, &[&input, &views, &json]));
     assert!(views.join("0001 (3).png").is_file());
 }

@@ -2,14 +2,9 @@
 
 mod common;
 
-use common::{heard, json, model, ok, one_line, piped, room, run, wrong_usage};
+use common::{Folder, heard, json, model, ok, one_line, piped, room, run, wrong_usage};
 use gs_model::{Scene, ply};
 use std::path::Path;
-
-/// `line` in words, for the helpers of [`common`].
-fn words(line: &str) -> Vec<&str> {
-    line.split(' ').collect()
-}
 
 fn read(path: &Path) -> Scene {
     ply::read(path).unwrap().0
@@ -17,52 +12,51 @@ fn read(path: &Path) -> Scene {
 
 #[test]
 fn encode_info_decode() {
-    let dir = tempfile::tempdir().unwrap();
-    let (stream, back) = (dir.path().join("a.gsvx"), dir.path().join("b.ply"));
-    let said = ok(&words("encode @ -o @"), &[&model(), &stream]);
+    let dir = Folder::new();
+    let (stream, back) = (dir.join("a.gsvx"), dir.join("b.ply"));
+    let said = ok("encode @ -o @", &[&model(), &stream]);
     assert!(said.contains("bits per Gaussian"), "{said}");
-    let said = ok(&["info", "@"], &[&stream]);
+    let said = ok("info @", &[&stream]);
     for part in ["head", "base layers", "SH degree 1", "SH degree 2", "SH degree 3"] {
         assert!(said.contains(part), "{said}");
     }
-    ok(&words("decode @ -o @"), &[&stream, &back]);
+    ok("decode @ -o @", &[&stream, &back]);
     let (scene, report) = ply::read(&back).unwrap();
     assert!(scene.len() > 1000 && report.notes.is_empty());
     // Replacing needs --force, and a failed run leaves the old file.
     let before = std::fs::read(&back).unwrap();
-    one_line(&run(&words("decode @ -o @"), &[&stream, &back]), "--force");
+    one_line(&run("decode @ -o @", &[&stream, &back]), "--force");
     assert_eq!(before, std::fs::read(&back).unwrap());
-    ok(&words("decode @ -o @ --force --max-sh-degree 0"), &[&stream, &back]);
+    ok("decode @ -o @ --force --max-sh-degree 0", &[&stream, &back]);
     assert_eq!(read(&back).sh_degree, 0);
-    assert_eq!(common::names(dir.path()).len(), 2, "no temporary files left");
+    assert_eq!(common::names(&dir).len(), 2, "no temporary files left");
 }
 
 #[test]
 fn targets_are_hit() {
-    let dir = tempfile::tempdir().unwrap();
-    let (room, stream) = (room(), dir.path().join("a.gsvx"));
+    let dir = Folder::new();
+    let (room, stream) = (room(), dir.join("a.gsvx"));
     for target in ["40000", "90000"] {
-        let line = ["encode", "@", "-o", "@", "--force", "--target-bytes", target];
+        let line = format!("encode @ -o @ --force --target-bytes {target}");
         ok(&line, &[&model(), &stream]);
         let size = std::fs::metadata(&stream).unwrap().len() as f64;
         let share = size / target.parse::<f64>().unwrap();
         assert!((0.99..=1.0).contains(&share), "{target}: {share}");
     }
-    let line = words("encode @ -o @ --force --target-psnr 34 --cameras @");
-    ok(&line, &[&model(), &stream, &room]);
-    let line = words("encode --force --target-ssimulacra2 60 --cameras");
-    let (said, _) =
-        common::report(&[&line[..], &["@", "@", "-o", "@"]].concat(), &[&room, &model(), &stream]);
+    let line = "encode @ -o @ --force --target-psnr 34 --cameras @";
+    ok(line, &[&model(), &stream, &room]);
+    let line = "encode --force --target-ssimulacra2 60 --cameras";
+    let (said, _) = common::report(&format!("{line} @ @ -o @"), &[&room, &model(), &stream]);
     let reached = said["ssimulacra2"].as_f64().unwrap();
     assert!((60.0..61.0).contains(&reached) && said["psnr"].is_null(), "{reached}");
 }
 
 #[test]
 fn lossless_returns_every_bit() {
-    let dir = tempfile::tempdir().unwrap();
-    let (stream, back) = (dir.path().join("a.gsvx"), dir.path().join("b.ply"));
-    ok(&words("encode @ -o @ --lossless"), &[&model(), &stream]);
-    ok(&words("decode @ -o @"), &[&stream, &back]);
+    let dir = Folder::new();
+    let (stream, back) = (dir.join("a.gsvx"), dir.join("b.ply"));
+    ok("encode @ -o @ --lossless", &[&model(), &stream]);
+    ok("decode @ -o @", &[&stream, &back]);
     let rows = |p: &Path| {
         let s = read(p);
         let mut rows: Vec<Vec<u32>> = (0..s.len()).map(|i| row(&s, i)).collect();
@@ -81,17 +75,16 @@ fn row(s: &Scene, i: usize) -> Vec<u32> {
 
 #[test]
 fn mistakes_get_one_line() {
-    let dir = tempfile::tempdir().unwrap();
-    let at = |name: &str| dir.path().join(name);
+    let dir = Folder::new();
     let file = |name: &str, bytes: &[u8]| {
-        std::fs::write(at(name), bytes).unwrap();
-        at(name)
+        std::fs::write(dir.join(name), bytes).unwrap();
+        dir.join(name)
     };
     let model = std::fs::read(model()).unwrap();
-    let (out, back) = (at("out.gsvx"), at("back.ply"));
+    let (out, back) = (dir.join("out.gsvx"), dir.join("back.ply"));
     let whole = file("whole.ply", &model);
-    let encode = |p: &Path, needle| one_line(&run(&words("encode @ -o @"), &[p, &out]), needle);
-    encode(&at("absent.ply"), "absent.ply");
+    let encode = |p: &Path, needle| one_line(&run("encode @ -o @", &[p, &out]), needle);
+    encode(&dir.join("absent.ply"), "absent.ply");
     encode(&file("empty.ply", b""), "empty.ply: is empty");
     encode(&file("text.ply", b"hello"), "text.ply: not a PLY file");
     encode(&file("cut.ply", &model[..model.len() / 2]), "cut.ply: truncated at byte");
@@ -104,101 +97,100 @@ fn mistakes_get_one_line() {
     nan[start..start + 4].copy_from_slice(&f32::NAN.to_le_bytes());
     let nan = file("nan.ply", &nan);
     encode(&nan, "--drop-invalid");
-    ok(&words("encode @ -o @ --drop-invalid"), &[&nan, &at("dropped.gsvx")]);
-    one_line(&run(&words("convert @ @ --to ply"), &[&whole, dir.path()]), "directory");
+    ok("encode @ -o @ --drop-invalid", &[&nan, &dir.join("dropped.gsvx")]);
+    one_line(&run("convert @ @ --to ply", &[&whole, &dir]), "directory");
     let nowhere = Path::new("/nonexistent-folder/a.gsvx");
-    one_line(&run(&words("encode @ -o @"), &[&whole, nowhere]), "no such directory");
-    one_line(&run(&words("encode @ -o @ --cameras @"), &[&whole, &out, dir.path()]), "camera");
-    let decode = |p: &Path, needle| one_line(&run(&words("decode @ -o @"), &[p, &back]), needle);
+    one_line(&run("encode @ -o @", &[&whole, nowhere]), "no such directory");
+    one_line(&run("encode @ -o @ --cameras @", &[&whole, &out, &dir]), "camera");
+    let decode = |p: &Path, needle| one_line(&run("decode @ -o @", &[p, &back]), needle);
     decode(&whole, "not a gsvx stream");
-    let stream = at("s.gsvx");
-    ok(&words("encode @ -o @"), &[&whole, &stream]);
+    let stream = dir.join("s.gsvx");
+    ok("encode @ -o @", &[&whole, &stream]);
     let bytes = std::fs::read(&stream).unwrap();
     let mut flipped = bytes.clone();
     flipped[bytes.len() / 2] ^= 4;
     decode(&file("flip.gsvx", &flipped), "CRC-32C");
     let cut = file("cut.gsvx", &bytes[..bytes.len() - 10]);
     decode(&cut, "truncated");
-    ok(&words("decode @ -o @ --salvage"), &[&cut, &back]);
+    ok("decode @ -o @ --salvage", &[&cut, &back]);
 }
 
 #[test]
 fn a_short_finetune_writes_a_stream_that_decodes() {
-    let dir = tempfile::tempdir().unwrap();
-    let at = |name: &str| dir.path().join(name);
+    let dir = Folder::new();
     let (model, room) = (model(), room());
-    let line = words("tune --profile paper @ --cameras @ -o @ --steps 20 --backend cpu");
-    let said = ok(&line, &[&model, &room, &at("a.gsvx")]);
+    let line = "tune --profile paper @ --cameras @ -o @ --steps 20 --backend cpu";
+    let said = ok(line, &[&model, &room, &dir.join("a.gsvx")]);
     assert!(said.contains("20 steps"), "{said}");
-    ok(&words("decode @ -o @"), &[&at("a.gsvx"), &at("b.ply")]);
-    let wrong = run(&words("tune @ --cameras @ -o @"), &[&model, &room, &at("x.txt")]);
+    ok("decode @ -o @", &[&dir.join("a.gsvx"), &dir.join("b.ply")]);
+    let wrong = run("tune @ --cameras @ -o @", &[&model, &room, &dir.join("x.txt")]);
     wrong_usage(&wrong, ".gsvx or .ply");
 }
 
 #[test]
 fn pipes_threads_and_json() {
-    let dir = tempfile::tempdir().unwrap();
-    let (one, two) = (dir.path().join("1.gsvx"), dir.path().join("2.gsvx"));
-    let said = json(&words("encode @ -o @ --threads 1"), &[&model(), &one]);
+    let dir = Folder::new();
+    let (one, two) = (dir.join("1.gsvx"), dir.join("2.gsvx"));
+    let said = json("encode @ -o @ --threads 1", &[&model(), &one]);
     assert_eq!(said["bytes"], std::fs::metadata(&one).unwrap().len());
     assert!(said["parts"]["base layers"].as_u64().unwrap() > 100, "{said}");
-    ok(&words("--threads 3 encode @ -o @"), &[&model(), &two]);
+    ok("--threads 3 encode @ -o @", &[&model(), &two]);
     let stream = std::fs::read(&one).unwrap();
     assert!(stream == std::fs::read(&two).unwrap(), "the bytes depend on the number of threads");
-    let encoded = piped(&words("encode - -o -"), &std::fs::read(model()).unwrap());
+    let encoded = piped("encode - -o -", &std::fs::read(model()).unwrap());
     assert!(encoded.status.success() && encoded.stdout == stream);
     // The report goes where the data does not.
     assert!(heard(&encoded).contains("bits per Gaussian"));
-    let decoded = piped(&words("decode - -o -"), &stream);
+    let decoded = piped("decode - -o -", &stream);
     let (scene, _) = ply::read_bytes(&decoded.stdout).unwrap();
-    let info = json(&["info", "@"], &[&one]);
+    let info = json("info @", &[&one]);
     assert_eq!(info["gaussians"], scene.len());
     assert_eq!(info["expected_bytes"], stream.len());
-    wrong_usage(&run(&["encode", "@"], &[&model()]), "--output");
+    wrong_usage(&run("encode @", &[&model()]), "--output");
 }
 
 /// Of the golden streams.
 #[test]
 fn info_tells_chunks_and_levels_of_detail() {
     let golden = room().join("../streams");
-    let info = |name: &str| json(&["info", "@"], &[&golden.join(name)]);
+    let info = |name: &str| json("info @", &[&golden.join(name)]);
     assert!(info("chunks.gsvx")["chunks"].as_array().unwrap().len() > 1);
     assert!(info("lod.gsvx")["lods"].as_u64().unwrap() > 1);
     assert_eq!(info("default.gsvx")["lods"], 1);
-    let text = ok(&["info", "@"], &[&golden.join("lod.gsvx")]);
+    let text = ok("info @", &[&golden.join("lod.gsvx")]);
     assert!(text.contains("level 1") && text.contains("coarse levels"), "{text}");
 }
 
 /// Three floaters a million units away are coded exactly.
 #[test]
 fn floaters_are_trimmed() {
-    let dir = tempfile::tempdir().unwrap();
-    let [input, stream, back] = ["m.ply", "a.gsvx", "b.ply"].map(|name| dir.path().join(name));
+    let dir = Folder::new();
+    let [input, stream, back] = ["m.ply", "a.gsvx", "b.ply"].map(|name| dir.join(name));
     let mut scene = read(&model());
     let at = [5, 700, scene.len() - 1];
     for (axis, &i) in at.iter().enumerate() {
         scene.means[i][axis] = 1e6;
     }
     ply::write(&input, &scene).unwrap();
-    let said = ok(&words("encode @ -o @"), &[&input, &stream]);
+    let said = ok("encode @ -o @", &[&input, &stream]);
     assert!(said.contains("3 outliers coded exactly, far from all others: "), "{said}");
-    assert!(ok(&["info", "@"], &[&stream]).contains("3 of them bit for bit"));
-    ok(&words("decode @ -o @"), &[&stream, &back]);
+    assert!(ok("info @", &[&stream]).contains("3 of them bit for bit"));
+    ok("decode @ -o @", &[&stream, &back]);
     let decoded = read(&back);
     for (k, &i) in at.iter().enumerate() {
         assert_eq!(row(&decoded, decoded.len() - 3 + k), row(&scene, i));
     }
-    let info = json(&["info", "@"], &[&stream]);
+    let info = json("info @", &[&stream]);
     assert_eq!((&info["exact_gaussians"], &info["gaussians"]), (&3.into(), &decoded.len().into()));
 }
 
 #[test]
 fn render_writes_one_png_per_camera() {
-    let dir = tempfile::tempdir().unwrap();
-    let (model, room, out) = (model(), room(), dir.path().join("views"));
-    let render = words("render @ --cameras @ -o @ --every 8 --scale 0.5");
+    let dir = Folder::new();
+    let (model, room, out) = (model(), room(), dir.join("views"));
+    let render = "render @ --cameras @ -o @ --every 8 --scale 0.5";
     let paths: [&Path; 3] = [&model, &room, &out];
-    let said = json(&render, &paths);
+    let said = json(render, &paths);
     let images = said["images"].as_array().unwrap();
     assert_eq!(images.len(), common::names(&out).len());
     let first = image::open(images[0].as_str().unwrap()).unwrap().to_rgb8();
@@ -206,51 +198,50 @@ fn render_writes_one_png_per_camera() {
     let sum: u64 = first.as_raw().iter().map(|&v| u64::from(v)).sum();
     let mean = sum / first.as_raw().len() as u64;
     assert!((20..236).contains(&mean), "{mean}");
-    one_line(&run(&render, &paths), "--force");
-    let orbit = dir.path().join("orbit.png");
-    ok(&words("render @ --orbit 1 --size 80x60 -o @"), &[&model, &orbit]);
+    one_line(&run(render, &paths), "--force");
+    let orbit = dir.join("orbit.png");
+    ok("render @ --orbit 1 --size 80x60 -o @", &[&model, &orbit]);
     assert_eq!(image::image_dimensions(&orbit).unwrap(), (80, 60));
-    let two = run(&words("render @ --orbit 2 -o @ --force"), &[&model, &orbit]);
+    let two = run("render @ --orbit 2 -o @ --force", &[&model, &orbit]);
     wrong_usage(&two, "folder");
-    one_line(&run(&words("render @ --cameras @ -o @ --view none"), &paths), "none");
-    wrong_usage(&run(&words("render @ -o @"), &[&model, &out]), "--orbit");
+    one_line(&run("render @ --cameras @ -o @ --view none", &paths), "none");
+    wrong_usage(&run("render @ -o @", &[&model, &out]), "--orbit");
 }
 
 /// A model that is antialiased: from any format to any that can say so; a word where one cannot.
 #[test]
 fn an_antialiased_model_stays_so() {
-    let dir = tempfile::tempdir().unwrap();
-    let at = |name: &str| dir.path().join(name);
-    let model = at("model.ply");
+    let dir = Folder::new();
+    let model = dir.join("model.ply");
     let scene = gs_model::Scene { antialiased: true, ..common::scene() };
     gs_model::ply::write(&model, &scene).unwrap();
-    let (spz, stream, back, splat) = (at("a.spz"), at("a.gsvx"), at("back.ply"), at("a.splat"));
-    ok(&words("convert @ @"), &[&model, &spz]);
+    let (spz, stream, back, splat) =
+        (dir.join("a.spz"), dir.join("a.gsvx"), dir.join("back.ply"), dir.join("a.splat"));
+    ok("convert @ @", &[&model, &spz]);
     assert_eq!(std::fs::read(&spz).unwrap()[14], 1);
-    ok(&words("encode @ --no-estimate -o @"), &[&spz, &stream]);
-    ok(&words("decode @ -o @"), &[&stream, &back]);
+    ok("encode @ --no-estimate -o @", &[&spz, &stream]);
+    ok("decode @ -o @", &[&stream, &back]);
     let ply = std::fs::read(&back).unwrap();
     assert!(String::from_utf8_lossy(&ply[..100]).contains("\ncomment SplatRenderMode: mip\n"));
     for path in [&model, &spz, &stream, &back] {
-        assert_eq!(common::json(&words("info @"), &[path])["antialiased"], true, "{path:?}");
-        assert!(ok(&words("info @"), &[path]).contains("antialiased    yes"), "{path:?}");
+        assert_eq!(common::json("info @", &[path])["antialiased"], true, "{path:?}");
+        assert!(ok("info @", &[path]).contains("antialiased    yes"), "{path:?}");
     }
-    let heard = common::heard(&common::run(&words("convert @ @"), &[&stream, &splat]));
+    let heard = common::heard(&common::run("convert @ @", &[&stream, &splat]));
     assert!(heard.contains(".splat does not say that the model is antialiased"), "{heard}");
 }
 
 #[test]
 fn convert_and_compare() {
-    let dir = tempfile::tempdir().unwrap();
-    let at = |name: &str| dir.path().join(name);
+    let dir = Folder::new();
     let model = model();
-    let (spz, small, splat) = (at("a.spz"), at("small.spz"), at("a.splat"));
-    ok(&words("convert @ @"), &[&model, &spz]);
-    ok(&words("convert @ @ --spz-sh-bits 5,4"), &[&model, &small]);
-    ok(&words("convert @ @"), &[&model, &splat]);
+    let (spz, small, splat) = (dir.join("a.spz"), dir.join("small.spz"), dir.join("a.splat"));
+    ok("convert @ @", &[&model, &spz]);
+    ok("convert @ @ --spz-sh-bits 5,4", &[&model, &small]);
+    ok("convert @ @", &[&model, &splat]);
     let len = |p: &Path| std::fs::metadata(p).unwrap().len();
     assert!(len(&small) < len(&spz));
-    let compare = |b: &Path| json(&words("compare @ @ --orbit 3 --size 160x120"), &[&model, b]);
+    let compare = |b: &Path| json("compare @ @ --orbit 3 --size 160x120", &[&model, b]);
     let same = compare(&model);
     assert!(same["psnr"].is_null() && same["ssim"] == 1.0, "{same}");
     assert_eq!(same["attributes"]["mean"], 0.0);
@@ -258,56 +249,55 @@ fn convert_and_compare() {
     let (fine, coarse, flat) = (psnr(&spz), psnr(&small), psnr(&splat));
     assert!(fine > 40.0 && fine > coarse && coarse > 25.0 && flat > 15.0, "{fine} {coarse} {flat}");
     // A stream is a model too, and its Gaussians are another number in another order.
-    let (stream, back) = (at("a.gsvx"), at("b.ply"));
-    ok(&words("encode @ -o @ -q 90"), &[&model, &stream]);
+    let (stream, back) = (dir.join("a.gsvx"), dir.join("b.ply"));
+    ok("encode @ -o @ -q 90", &[&model, &stream]);
     let seen = compare(&stream);
     assert_eq!(seen["attributes"]["pairing"], "nearest");
     assert!(seen["psnr"].as_f64().unwrap() > 35.0, "{seen}");
-    ok(&words("convert @ @"), &[&stream, &back]);
-    let said = ok(&words("compare @ @ --orbit 1"), &[&stream, &back]);
+    ok("convert @ @", &[&stream, &back]);
+    let said = ok("compare @ @ --orbit 1", &[&stream, &back]);
     assert!(said.contains("row by row") && said.contains("PSNR"), "{said}");
     // PLY to PLY keeps every bit.
-    ok(&words("convert @ @"), &[&model, &at("copy.ply")]);
-    assert_eq!(read(&model), read(&at("copy.ply")));
-    wrong_usage(&run(&words("convert @ @"), &[&model, &at("b.gsvx")]), "gsvx encode");
-    wrong_usage(&run(&words("convert @ @"), &[&model, &at("a.xyz")]), "--to");
-    wrong_usage(&run(&words("convert @ -"), &[&model]), "--to");
-    let piped = piped(&words("convert - - --to spz"), &std::fs::read(&model).unwrap());
+    ok("convert @ @", &[&model, &dir.join("copy.ply")]);
+    assert_eq!(read(&model), read(&dir.join("copy.ply")));
+    wrong_usage(&run("convert @ @", &[&model, &dir.join("b.gsvx")]), "gsvx encode");
+    wrong_usage(&run("convert @ @", &[&model, &dir.join("a.xyz")]), "--to");
+    wrong_usage(&run("convert @ -", &[&model]), "--to");
+    let piped = piped("convert - - --to spz", &std::fs::read(&model).unwrap());
     assert!(piped.stdout == std::fs::read(&spz).unwrap());
 }
 
 #[cfg(unix)]
 #[test]
 fn an_interrupted_command_leaves_nothing_and_keeps_what_was_there() {
-    let dir = tempfile::tempdir().unwrap();
-    let stream = dir.path().join("a.gsvx");
+    let dir = Folder::new();
+    let stream = dir.join("a.gsvx");
     std::fs::write(&stream, b"before").unwrap();
     let (model, room) = (model(), common::room());
-    let encode = ["encode", "@", "-o", "@", "--force", "--target-bytes", "60000"];
-    let tune = ["tune", "@", "-o", "@", "--force", "--cameras", "@", "--distil"];
-    for words in [&encode[..], &tune] {
+    let encode = "encode @ -o @ --force --target-bytes 60000";
+    let tune = "tune @ -o @ --force --cameras @ --distil";
+    for words in [encode, tune] {
         // The temporary file is there before the work begins.
-        let out = common::interrupted(words, &[&model, &stream, &room], || {
-            common::names(dir.path()).len() > 1
-        });
+        let out =
+            common::interrupted(words, &[&model, &stream, &room], || common::names(&dir).len() > 1);
         assert_eq!(out.status.code(), Some(130), "{}", heard(&out));
         assert!(heard(&out).contains("interrupted; no output was touched"), "{}", heard(&out));
         assert_eq!(std::fs::read(&stream).unwrap(), b"before");
-        assert_eq!(common::names(dir.path()), ["a.gsvx"]);
+        assert_eq!(common::names(&dir), ["a.gsvx"]);
     }
 }
 
 #[cfg(unix)]
 #[test]
 fn an_interrupted_batch_says_what_is_complete() {
-    let dir = tempfile::tempdir().unwrap();
-    let [a, b] = ["a.ply", "b.ply"].map(|name| dir.path().join(name));
+    let dir = Folder::new();
+    let [a, b] = ["a.ply", "b.ply"].map(|name| dir.join(name));
     for copy in [&a, &b] {
         std::fs::copy(model(), copy).unwrap();
     }
-    let (to, first) = (dir.path().join("streams/"), dir.path().join("streams/a.gsvx"));
-    let words = ["encode", "@", "@", "-o", "@", "--target-bytes", "60000"];
-    let out = common::interrupted(&words, &[&a, &b, &to], || first.exists());
+    let (to, first) = (dir.join("streams/"), dir.join("streams/a.gsvx"));
+    let words = "encode @ @ -o @ --target-bytes 60000";
+    let out = common::interrupted(words, &[&a, &b, &to], || first.exists());
     assert_eq!(out.status.code(), Some(130), "{}", heard(&out));
     let last = heard(&out).lines().last().unwrap_or_default().to_owned();
     assert!(

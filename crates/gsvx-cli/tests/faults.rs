@@ -8,38 +8,38 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use common::{gsvx, heard, model, names, one_line, room};
+use common::{Folder, command, heard, model, names, ok, one_line, room, run};
 
 /// A stream of the room, and the PLY it decodes to.
 fn outputs(dir: &Path) -> (PathBuf, PathBuf) {
     let (stream, ply) = (dir.join("room.gsvx"), dir.join("room.ply"));
-    assert!(gsvx().arg("encode").arg(model()).arg("-o").arg(&stream).status().unwrap().success());
-    assert!(gsvx().arg("decode").arg(&stream).arg("-o").arg(&ply).status().unwrap().success());
+    ok("encode @ -o @", &[&model(), &stream]);
+    ok("decode @ -o @", &[&stream, &ply]);
     (stream, ply)
 }
 
 /// However fresh it is: a run that is still there holds a lock.
 #[test]
 fn what_a_killed_run_left_is_swept_but_not_what_a_running_one_holds() {
-    let dir = tempfile::tempdir().unwrap();
-    let part = |name: &str| File::create(dir.path().join(name)).unwrap();
+    let dir = Folder::new();
+    let part = |name: &str| File::create(dir.join(name)).unwrap();
     drop(part(".gsvx-left.part"));
     drop(part("other.part"));
     let held = part(".gsvx-held.part");
     held.lock().unwrap();
-    let target = dir.path().join("a.gsvx");
-    assert!(gsvx().arg("encode").arg(model()).arg("-o").arg(&target).status().unwrap().success());
-    assert_eq!(names(dir.path()), [".gsvx-held.part", "a.gsvx", "other.part"]);
+    let target = dir.join("a.gsvx");
+    ok("encode @ -o @", &[&model(), &target]);
+    assert_eq!(names(&dir), [".gsvx-held.part", "a.gsvx", "other.part"]);
 }
 
 /// A limit on the size of files stands for a full disk: the write fails in the same place.
 #[test]
 fn without_space_the_old_file_stays() {
-    let dir = tempfile::tempdir().unwrap();
-    let (stream, _) = outputs(dir.path());
-    std::fs::remove_file(dir.path().join("room.ply")).unwrap();
+    let dir = Folder::new();
+    let (stream, _) = outputs(&dir);
+    std::fs::remove_file(dir.join("room.ply")).unwrap();
     for (words, input) in [("encode --force", model()), ("decode --force", stream.clone())] {
-        let target = dir.path().join("target");
+        let target = dir.join("target");
         std::fs::write(&target, b"old").unwrap();
         // The signal that comes with the limit is ignored, so that the write itself fails.
         let script = format!("trap '' XFSZ; ulimit -f 16; exec \"$0\" {words} \"$1\" -o \"$2\"");
@@ -51,7 +51,7 @@ fn without_space_the_old_file_stays() {
             .unwrap();
         one_line(&out, "larger than the system allows");
         assert_eq!(std::fs::read(&target).unwrap(), b"old");
-        assert_eq!(names(dir.path()), ["room.gsvx", "target"]);
+        assert_eq!(names(&dir), ["room.gsvx", "target"]);
     }
 }
 
@@ -64,8 +64,8 @@ fn on_its_own_file_system(
     input: &Path,
     read_only: bool,
 ) -> Option<(Output, String, Vec<u8>)> {
-    let dir = tempfile::tempdir().unwrap();
-    let (disk, after) = (dir.path().join("disk"), dir.path().join("after"));
+    let dir = Folder::new();
+    let (disk, after) = (dir.join("disk"), dir.join("after"));
     std::fs::create_dir(&disk).unwrap();
     let remount = if read_only { "mount -o remount,ro \"$1\" || exit 99;" } else { "" };
     // The mount is seen by these processes alone and ends with them.
@@ -87,8 +87,8 @@ fn on_its_own_file_system(
 #[cfg(target_os = "linux")]
 #[test]
 fn on_a_full_or_read_only_file_system_the_old_file_stays() {
-    let dir = tempfile::tempdir().unwrap();
-    let (stream, _) = outputs(dir.path());
+    let dir = Folder::new();
+    let (stream, _) = outputs(&dir);
     // Larger than the disk: the room at the best quality, and its model.
     for (words, input) in
         [("encode --force --quality 100", model()), ("decode --force", stream.clone())]
@@ -115,44 +115,28 @@ fn on_a_full_or_read_only_file_system_the_old_file_stays() {
 #[test]
 fn a_target_that_cannot_be_written_is_named() {
     // No one can create files in /proc, root included.
-    let out = gsvx().arg("encode").arg(model()).args(["-o", "/proc/a.gsvx"]).output().unwrap();
-    one_line(&out, "/proc: cannot write here");
-    let out = gsvx().arg("encode").arg(model()).args(["-o", "/proc/version/a"]).output().unwrap();
-    one_line(&out, "no such directory");
+    one_line(&run("encode @ -o /proc/a.gsvx", &[&model()]), "/proc: cannot write here");
+    one_line(&run("encode @ -o /proc/version/a", &[&model()]), "no such directory");
 }
 
 /// Without a driver `auto` falls back to the processor and says so; `gpu` fails with one line.
 #[test]
 fn without_a_gpu_the_finetune_falls_back_or_says_so() {
-    let dir = tempfile::tempdir().unwrap();
-    let run = |backend: &str| {
-        gsvx()
-            .args(["tune", "--profile", "paper"])
-            .arg(model())
-            .arg("--cameras")
-            .arg(room())
-            .args(["--steps", "2", "--backend", backend, "-o"])
-            .arg(dir.path().join(format!("{backend}.gsvx")))
-            // Where the Vulkan loader looks for drivers, in its old and its new name.
+    let dir = Folder::new();
+    let tune = |more: &str, backend: &str| {
+        let line = format!("tune @ --cameras @ -o @ --backend {backend}{more}");
+        let output = dir.join(format!("{backend}.gsvx"));
+        // Where the Vulkan loader looks for drivers, in its old and its new name.
+        command(&line, &[&model(), &room(), &output])
             .env("VK_ICD_FILENAMES", "/nonexistent.json")
             .env("VK_DRIVER_FILES", "/nonexistent.json")
             .output()
             .unwrap()
     };
-    let out = run("auto");
+    let paper = " --profile paper --steps 2";
+    let out = tune(paper, "auto");
     assert!(out.status.success() && heard(&out).contains("backend: cpu"), "{}", heard(&out));
-    one_line(&run("gpu"), "adapter");
-    assert_eq!(names(dir.path()), ["auto.gsvx"]);
-    let tune = gsvx()
-        .arg("tune")
-        .arg(model())
-        .arg("--cameras")
-        .arg(room())
-        .args(["--backend", "gpu", "-o"])
-        .arg(dir.path().join("rate.gsvx"))
-        .env("VK_ICD_FILENAMES", "/nonexistent.json")
-        .env("VK_DRIVER_FILES", "/nonexistent.json")
-        .output()
-        .unwrap();
-    one_line(&tune, "adapter");
+    one_line(&tune(paper, "gpu"), "adapter");
+    one_line(&tune("", "gpu"), "adapter");
+    assert_eq!(names(&dir), ["auto.gsvx"]);
 }

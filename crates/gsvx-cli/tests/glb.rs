@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{heard, json, ok, one_line, run, scene, small, wrong_usage};
+use common::{Folder, heard, json, ok, one_line, run, scene, wrong_usage};
 use gs_model::{ReadOptions, Scene, model};
 use serde_json::Value;
 use std::path::Path;
@@ -34,18 +34,17 @@ fn read(path: &Path) -> Scene {
 }
 
 /// A stream of [`small`], and the same in a `.glb`.
-fn stream_and_glb(dir: &Path) -> [std::path::PathBuf; 2] {
+fn stream_and_glb(dir: &Folder) -> [std::path::PathBuf; 2] {
     let [stream, glb] = ["a.gsvx", "a.glb"].map(|name| dir.join(name));
-    ok(&["encode", "@", "-o", "@", "--web"], &[&small(dir), &stream]);
-    ok(&["convert", "@", "@", "--compress"], &[&stream, &glb]);
+    ok("encode @ -o @ --web", &[&dir.small(), &stream]);
+    ok("convert @ @ --compress", &[&stream, &glb]);
     [stream, glb]
 }
 
 #[test]
 fn a_stream_goes_in_as_it_is_and_comes_back_as_its_decode() {
-    let dir = tempfile::tempdir().unwrap();
-    let at = |name: &str| dir.path().join(name);
-    let [stream, glb] = stream_and_glb(dir.path());
+    let dir = Folder::new();
+    let [stream, glb] = stream_and_glb(&dir);
     let (bytes, file) = (std::fs::read(&stream).unwrap(), std::fs::read(&glb).unwrap());
     let (said, data) = parts(&file);
     assert_eq!(&data[..bytes.len()], &bytes[..]);
@@ -54,10 +53,10 @@ fn a_stream_goes_in_as_it_is_and_comes_back_as_its_decode() {
     let splats = &primitive["extensions"]["KHR_gaussian_splatting"];
     assert_eq!(splats["extensions"][EXTENSION], serde_json::json!({ "bufferView": 0 }));
 
-    ok(&["convert", "@", "@"], &[&glb, &at("a.ply")]);
-    ok(&["decode", "@", "-o", "@"], &[&stream, &at("b.ply")]);
-    let decoded = read(&at("b.ply"));
-    assert_eq!(read(&at("a.ply")), decoded);
+    ok("convert @ @", &[&glb, &dir.join("a.ply")]);
+    ok("decode @ -o @", &[&stream, &dir.join("b.ply")]);
+    let decoded = read(&dir.join("b.ply"));
+    assert_eq!(read(&dir.join("a.ply")), decoded);
 
     // glTF's axes: x and y of the means change sign.
     let position =
@@ -70,58 +69,55 @@ fn a_stream_goes_in_as_it_is_and_comes_back_as_its_decode() {
 
 #[test]
 fn a_model_is_encoded_at_the_quality_asked_for() {
-    let dir = tempfile::tempdir().unwrap();
-    let at = |name: &str| dir.path().join(name);
-    let input = small(dir.path());
-    for (name, flags) in [("80", &[][..]), ("40", &["--quality", "40"][..])] {
-        let (glb, stream) = (at(&format!("{name}.glb")), at(&format!("{name}.gsvx")));
-        ok(&[&["convert", "@", "@", "--compress"], flags].concat(), &[&input, &glb]);
-        ok(&[&["encode", "@", "-o", "@"], flags].concat(), &[&input, &stream]);
+    let dir = Folder::new();
+    let input = dir.small();
+    for (name, flags) in [("80", ""), ("40", " --quality 40")] {
+        let (glb, stream) = (dir.join(format!("{name}.glb")), dir.join(format!("{name}.gsvx")));
+        ok(&format!("convert @ @ --compress{flags}"), &[&input, &glb]);
+        ok(&format!("encode @ -o @{flags}"), &[&input, &stream]);
         let bytes = std::fs::read(&stream).unwrap();
         assert_eq!(parts(&std::fs::read(&glb).unwrap()).1[..bytes.len()], bytes);
     }
-    let compress = |more: &[&str], paths: &[&Path]| {
-        run(&[&["convert", "@", "@", "--compress"], more].concat(), paths)
-    };
-    wrong_usage(&compress(&[], &[&input, &at("a.spz")]), "only a .glb holds a stream");
-    let out = compress(&["-q", "3"], &[&at("80.gsvx"), &at("b.glb")]);
+    let compress =
+        |more: &str, paths: &[&Path]| run(&format!("convert @ @ --compress{more}"), paths);
+    wrong_usage(&compress("", &[&input, &dir.join("a.spz")]), "only a .glb holds a stream");
+    let out = compress(" -q 3", &[&dir.join("80.gsvx"), &dir.join("b.glb")]);
     wrong_usage(&out, "is a stream, which goes in as it is");
     // A model with the axes of another tool.
-    ok(&["convert", "@", "@"], &[&input, &at("a.spz")]);
-    let out = compress(&["--axes", "keep"], &[&at("a.spz"), &at("kept.glb")]);
+    ok("convert @ @", &[&input, &dir.join("a.spz")]);
+    let out = compress(" --axes keep", &[&dir.join("a.spz"), &dir.join("kept.glb")]);
     assert!(out.status.success(), "{}", heard(&out));
-    ok(&["convert", "@", "@"], &[&at("kept.glb"), &at("kept.ply")]);
+    ok("convert @ @", &[&dir.join("kept.glb"), &dir.join("kept.ply")]);
     let middle = |scene: &Scene| scene.means.iter().map(|m| f64::from(m[1])).sum::<f64>();
-    let (kept, upright) = (middle(&read(&at("kept.ply"))), middle(&scene()));
+    let (kept, upright) = (middle(&read(&dir.join("kept.ply"))), middle(&scene()));
     assert!((kept + upright).abs() < 0.1 * upright.abs(), "{kept} {upright}");
 }
 
 #[test]
 fn every_command_that_takes_a_model_takes_it() {
-    let dir = tempfile::tempdir().unwrap();
-    let at = |name: &str| dir.path().join(name);
-    let [stream, glb] = stream_and_glb(dir.path());
-    let said = json(&["info", "@"], &[&glb]);
+    let dir = Folder::new();
+    let [stream, glb] = stream_and_glb(&dir);
+    let said = json("info @", &[&glb]);
     assert_eq!(said["format"], format!("glTF, KHR_gaussian_splatting, {EXTENSION}"));
-    assert_eq!(said["gaussians"], json(&["info", "@"], &[&stream])["gaussians"]);
-    let words = ["compare", "@", "@", "--orbit", "1", "--size", "64x48"];
-    assert_eq!(json(&words, &[&glb, &stream])["psnr"], Value::Null);
-    ok(&["render", "@", "--orbit", "1", "--size", "64x48", "-o", "@"], &[&glb, &at("a.png")]);
-    ok(&["encode", "@", "-o", "@"], &[&glb, &at("b.gsvx")]);
-    ok(&["encode", "@", "@", "-o", "@"], &[&glb, &small(dir.path()), &at("c.gsvx")]);
-    one_line(&run(&["info", "@", "--max-gaussians", "5"], &[&glb]), "--max-gaussians");
+    assert_eq!(said["gaussians"], json("info @", &[&stream])["gaussians"]);
+    let words = "compare @ @ --orbit 1 --size 64x48";
+    assert_eq!(json(words, &[&glb, &stream])["psnr"], Value::Null);
+    ok("render @ --orbit 1 --size 64x48 -o @", &[&glb, &dir.join("a.png")]);
+    ok("encode @ -o @", &[&glb, &dir.join("b.gsvx")]);
+    ok("encode @ @ -o @", &[&glb, &dir.small(), &dir.join("c.gsvx")]);
+    one_line(&run("info @ --max-gaussians 5", &[&glb]), "--max-gaussians");
 }
 
 #[test]
 fn a_glb_whose_stream_is_damaged_says_so() {
-    let dir = tempfile::tempdir().unwrap();
-    let [_, glb] = stream_and_glb(dir.path());
+    let dir = Folder::new();
+    let [_, glb] = stream_and_glb(&dir);
     let file = std::fs::read(&glb).unwrap();
     let (good, data) = parts(&file);
-    let path = dir.path().join("bad.glb");
+    let path = dir.join("bad.glb");
     let says = |json: &Value, data: &[u8], needle: &str| {
         std::fs::write(&path, joined(json, data)).unwrap();
-        one_line(&run(&["info", "@"], &[&path]), needle);
+        one_line(&run("info @", &[&path]), needle);
     };
     let changed = |pointer: &str, value: Value| {
         let mut json = good.clone();
@@ -159,8 +155,8 @@ fn a_glb_whose_stream_is_damaged_says_so() {
 
 #[test]
 fn a_reader_without_the_decoder_says_what_is_missing() {
-    let dir = tempfile::tempdir().unwrap();
-    let [_, glb] = stream_and_glb(dir.path());
+    let dir = Folder::new();
+    let [_, glb] = stream_and_glb(&dir);
     let error = model::read(&glb, &ReadOptions::default()).unwrap_err().to_string();
     assert!(
         error.contains(&format!("it is compressed ({EXTENSION}), and there is no decoder")),

@@ -10,7 +10,7 @@ use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use common::{Moments, gsvx, heard, model, names, one_line, room};
+use common::{Folder, Moments, command, heard, model, names, ok, one_line, room, run};
 
 /// Starts the command and kills it after `wait`, unless it ended before. True if it was killed.
 fn killed(command: &mut Command, wait: Duration) -> bool {
@@ -30,35 +30,30 @@ fn killed(command: &mut Command, wait: Duration) -> bool {
     }
 }
 
-/// Every command that writes one file, its arguments before the target.
-fn writers(dir: &Path) -> Vec<(&'static str, Vec<PathBuf>)> {
+/// Every command that writes one file, and its input.
+fn writers(dir: &Path) -> Vec<(&'static str, PathBuf)> {
     let stream = dir.join("in.gsvx");
-    let made = gsvx().arg("encode").arg(model()).arg("-o").arg(&stream).output().unwrap();
-    assert!(made.status.success());
-    let word = |w: &str| PathBuf::from(w);
-    let args = |words: &[&str], rest: Vec<PathBuf>| {
-        words.iter().copied().map(word).chain(rest).collect::<Vec<_>>()
-    };
+    ok("encode @ -o @", &[&model(), &stream]);
     vec![
-        ("encode", args(&["encode"], vec![model(), word("-o")])),
-        ("encode --lossless", args(&["encode", "--lossless"], vec![model(), word("-o")])),
-        ("decode", args(&["decode"], vec![stream.clone(), word("-o")])),
-        ("convert to spz", args(&["convert", "--to", "spz"], vec![model()])),
-        ("convert to splat", args(&["convert", "--to", "splat"], vec![stream])),
-        ("convert to ply", args(&["convert", "--to", "ply"], vec![model()])),
+        ("encode @ -o @", model()),
+        ("encode --lossless @ -o @", model()),
+        ("decode @ -o @", stream.clone()),
+        ("convert --to spz @ @", model()),
+        ("convert --to splat @ @", stream),
+        ("convert --to ply @ @", model()),
     ]
 }
 
 #[test]
 fn killed_at_random_the_target_is_absent_or_whole() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = Folder::new();
     let mut moments = Moments::new();
-    let commands = writers(dir.path());
+    let commands = writers(&dir);
     let (mut kills, mut ends) = (0, 0);
-    for (name, words) in &commands {
-        let target = dir.path().join("target");
+    for (name, input) in &commands {
+        let target = dir.join("target");
         let started = Instant::now();
-        assert!(!killed(gsvx().args(words).arg(&target), Duration::from_secs(600)), "{name}");
+        assert!(!killed(&mut command(name, &[input, &target]), Duration::from_secs(600)), "{name}");
         let whole = started.elapsed();
         let new = std::fs::read(&target).unwrap();
         for round in 0..12 {
@@ -68,8 +63,7 @@ fn killed_at_random_the_target_is_absent_or_whole() {
             if let Some(old) = old {
                 std::fs::write(&target, old).unwrap();
             }
-            let mut command = gsvx();
-            command.args(words).arg(&target).arg("--force");
+            let mut command = command(&format!("{name} --force"), &[input, &target]);
             let killed = killed(&mut command, moments.next(whole.mul_f64(1.1)));
             *(if killed { &mut kills } else { &mut ends }) += 1;
             let found = std::fs::read(&target).ok();
@@ -80,7 +74,7 @@ fn killed_at_random_the_target_is_absent_or_whole() {
                 "{name}, round {round}: {:?}",
                 found.map(|f| f.len())
             );
-            for left in names(dir.path()) {
+            for left in names(&dir) {
                 let known = ["in.gsvx", "target"].contains(&left.as_str());
                 assert!(known || left.starts_with(".gsvx-"), "{name}: {left}");
             }
@@ -93,52 +87,42 @@ fn killed_at_random_the_target_is_absent_or_whole() {
 
 /// A fine-tune of 24 steps that keeps a checkpoint every 4.
 fn tune(dir: &Path, output: &str, checkpoint: &str) -> Command {
-    let mut command = gsvx();
-    command
-        .args(["tune", "--profile", "paper"])
-        .arg(model())
-        .arg("--cameras")
-        .arg(room())
-        .args(["--steps", "24", "--checkpoint-every", "4", "--backend", "cpu", "--past-input"])
-        .arg("--checkpoint")
-        .arg(dir.join(checkpoint))
-        .arg("-o")
-        .arg(dir.join(output));
-    command
+    let line = "tune --profile paper @ --cameras @ --steps 24 --checkpoint-every 4 --backend cpu --past-input \
+                --checkpoint @ -o @";
+    command(line, &[&model(), &room(), &dir.join(checkpoint), &dir.join(output)])
 }
 
 /// Killed again and again, a fine-tune goes on from its checkpoint, to the bytes of a run that
 /// nobody disturbed.
 #[test]
 fn a_finetune_killed_at_random_loses_no_checkpoint() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = Folder::new();
     let mut moments = Moments::new();
     let started = Instant::now();
-    assert!(!killed(&mut tune(dir.path(), "whole.gsvx", "whole.ckpt"), Duration::MAX));
+    assert!(!killed(&mut tune(&dir, "whole.gsvx", "whole.ckpt"), Duration::MAX));
     let whole = started.elapsed();
-    let at = |name: &str| dir.path().join(name);
-    let read = |name: &str| std::fs::read(at(name)).unwrap();
+    let read = |name: &str| std::fs::read(dir.join(name)).unwrap();
     let (mut kills, mut kept, mut ends) = (0, 0, 0);
-    while kills < 6 || ends == 0 || at("b.ckpt").exists() {
+    while kills < 6 || ends == 0 || dir.join("b.ckpt").exists() {
         let wait = if kills < 6 { moments.next(whole.mul_f64(1.1)) } else { Duration::MAX };
-        if killed(&mut tune(dir.path(), "b.gsvx", "b.ckpt"), wait) {
+        if killed(&mut tune(&dir, "b.gsvx", "b.ckpt"), wait) {
             kills += 1;
-            kept += usize::from(at("b.ckpt").exists());
+            kept += usize::from(dir.join("b.ckpt").exists());
             // Killed after the output got its name, or before.
-            assert!(!at("b.gsvx").exists() || read("b.gsvx") == read("whole.gsvx"));
+            assert!(!dir.join("b.gsvx").exists() || read("b.gsvx") == read("whole.gsvx"));
         } else {
             ends += 1;
             assert!(read("b.gsvx") == read("whole.gsvx"), "another result after {kills} kills");
             assert!(read("b.ckpt") == read("whole.ckpt"), "another state after {kills} kills");
         }
-        if at("b.gsvx").exists() {
+        if dir.join("b.gsvx").exists() {
             // Another life.
-            std::fs::remove_file(at("b.gsvx")).unwrap();
-            std::fs::remove_file(at("b.ckpt")).unwrap();
+            std::fs::remove_file(dir.join("b.gsvx")).unwrap();
+            std::fs::remove_file(dir.join("b.ckpt")).unwrap();
         }
     }
     println!("{kills} kills, {kept} of them with a checkpoint, {ends} runs to the end");
-    for name in names(dir.path()) {
+    for name in names(&dir) {
         let known = ["whole.gsvx", "whole.ckpt", "b.ckpt.tmp"].contains(&name.as_str());
         assert!(known || name.starts_with(".gsvx-"), "{name}");
     }
@@ -147,11 +131,11 @@ fn a_finetune_killed_at_random_loses_no_checkpoint() {
 /// A limit on the size of files stands for a full disk.
 #[test]
 fn a_checkpoint_that_does_not_fit_leaves_the_old_one() {
-    let dir = tempfile::tempdir().unwrap();
-    assert!(!killed(&mut tune(dir.path(), "a.gsvx", "run.ckpt"), Duration::MAX));
-    let checkpoint = dir.path().join("run.ckpt");
+    let dir = Folder::new();
+    assert!(!killed(&mut tune(&dir, "a.gsvx", "run.ckpt"), Duration::MAX));
+    let checkpoint = dir.join("run.ckpt");
     let old = std::fs::read(&checkpoint).unwrap();
-    let command = tune(dir.path(), "b.gsvx", "run.ckpt");
+    let command = tune(&dir, "b.gsvx", "run.ckpt");
     // The signal that comes with the limit is ignored, so that the write itself fails.
     let out = Command::new("sh")
         .args(["-c", "trap '' XFSZ; ulimit -f 2000; exec \"$0\" \"$@\" --steps 40"])
@@ -164,14 +148,14 @@ fn a_checkpoint_that_does_not_fit_leaves_the_old_one() {
     let warnings: Vec<_> = heard.lines().filter(|l| l.starts_with("warning: ")).collect();
     assert!(warnings.len() == 1 && warnings[0].contains("run.ckpt"), "{heard}");
     assert!(std::fs::read(&checkpoint).unwrap() == old);
-    assert_eq!(names(dir.path()), ["a.gsvx", "b.gsvx", "run.ckpt"]);
+    assert_eq!(names(&dir), ["a.gsvx", "b.gsvx", "run.ckpt"]);
 }
 
-/// Runs `command` while `change` is done to `input` over and over.
+/// Does something while `change` is done to `input` over and over.
 fn while_changing(
     input: &Path,
     change: impl Fn(&mut std::fs::File, usize) + Sync,
-    run: impl FnOnce(),
+    during: impl FnOnce(),
 ) {
     let stop = AtomicBool::new(false);
     std::thread::scope(|scope| {
@@ -185,7 +169,7 @@ fn while_changing(
                 std::thread::sleep(Duration::from_micros(200));
             }
         });
-        run();
+        during();
         stop.store(true, Ordering::Relaxed);
     });
 }
@@ -194,19 +178,15 @@ fn while_changing(
 /// checksums tell, so what is decoded is one of the two, whole, or nothing.
 #[test]
 fn a_stream_that_changes_is_decoded_whole_or_not_at_all() {
-    let dir = tempfile::tempdir().unwrap();
-    let at = |name: &str| dir.path().join(name);
+    let dir = Folder::new();
     for (name, quality) in [("a", "60"), ("b", "40")] {
-        let stream = at(&format!("{name}.gsvx"));
-        let encode =
-            gsvx().args(["encode", "-q", quality]).arg(model()).arg("-o").arg(&stream).status();
-        assert!(encode.unwrap().success());
-        let ply = at(&format!("{name}.ply"));
-        assert!(gsvx().arg("decode").arg(&stream).arg("-o").arg(ply).status().unwrap().success());
+        let stream = dir.join(format!("{name}.gsvx"));
+        ok(&format!("encode @ -o @ -q {quality}"), &[&model(), &stream]);
+        ok("decode @ -o @", &[&stream, &dir.join(format!("{name}.ply"))]);
     }
-    let streams = ["a", "b"].map(|n| std::fs::read(at(&format!("{n}.gsvx"))).unwrap());
-    let models = ["a", "b"].map(|n| std::fs::read(at(&format!("{n}.ply"))).unwrap());
-    let input = at("input.gsvx");
+    let streams = ["a", "b"].map(|n| std::fs::read(dir.join(format!("{n}.gsvx"))).unwrap());
+    let models = ["a", "b"].map(|n| std::fs::read(dir.join(format!("{n}.ply"))).unwrap());
+    let input = dir.join("input.gsvx");
     std::fs::write(&input, &streams[0]).unwrap();
     let change = |file: &mut std::fs::File, step: usize| {
         file.seek(SeekFrom::Start(0)).unwrap();
@@ -221,8 +201,8 @@ fn a_stream_that_changes_is_decoded_whole_or_not_at_all() {
     let (mut decoded, mut refused) = (0, 0);
     while_changing(&input, change, || {
         for round in 0..24 {
-            let target = at(&format!("out-{round}.ply"));
-            let out = gsvx().arg("decode").arg(&input).arg("-o").arg(&target).output().unwrap();
+            let target = dir.join(format!("out-{round}.ply"));
+            let out = run("decode @ -o @", &[&input, &target]);
             if out.status.success() {
                 decoded += 1;
                 let found = std::fs::read(&target).unwrap();
@@ -242,9 +222,9 @@ fn a_stream_that_changes_is_decoded_whole_or_not_at_all() {
 /// is whole, or refused with a line that names the file.
 #[test]
 fn a_model_that_changes_is_converted_or_refused() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = Folder::new();
     let bytes = std::fs::read(model()).unwrap();
-    let input = dir.path().join("input.ply");
+    let input = dir.join("input.ply");
     std::fs::write(&input, &bytes).unwrap();
     let header = bytes.windows(11).position(|w| w == b"end_header\n").unwrap() + 11;
     // The same model, its Gaussians in reverse.
@@ -264,14 +244,9 @@ fn a_model_that_changes_is_converted_or_refused() {
     let (mut taken, mut refused) = (0, 0);
     while_changing(&input, change, || {
         for round in 0..18 {
-            let target = dir.path().join(format!("out-{round}.gsvx"));
-            let mut command = gsvx();
-            match round % 3 {
-                0 => command.args(["encode", "--lossless"]).arg(&input).arg("-o"),
-                1 => command.arg("encode").arg(&input).arg("-o"),
-                _ => command.args(["convert", "--to", "ply"]).arg(&input),
-            };
-            let out = command.arg(&target).output().unwrap();
+            let target = dir.join(format!("out-{round}.gsvx"));
+            let lines = ["encode --lossless @ -o @", "encode @ -o @", "convert --to ply @ @"];
+            let out = run(lines[round % 3], &[&input, &target]);
             if out.status.success() {
                 taken += 1;
                 let made = std::fs::read(&target).unwrap();
@@ -294,8 +269,8 @@ fn a_model_that_changes_is_converted_or_refused() {
 /// Cameras and photos are inputs as well.
 #[test]
 fn a_file_of_cameras_that_was_cut_short_is_named() {
-    let dir = tempfile::tempdir().unwrap();
-    let copy = dir.path().join("room");
+    let dir = Folder::new();
+    let copy = dir.join("room");
     for folder in ["images", "sparse/0"] {
         std::fs::create_dir_all(copy.join(folder)).unwrap();
         for entry in std::fs::read_dir(room().join(folder)).unwrap().flatten() {
@@ -306,22 +281,15 @@ fn a_file_of_cameras_that_was_cut_short_is_named() {
         let path = copy.join(name);
         let whole = std::fs::read(&path).unwrap();
         std::fs::write(&path, &whole[..whole.len() / 2]).unwrap();
-        let out = gsvx()
-            .args(["tune", "--profile", "paper"])
-            .arg(model())
-            .arg("--cameras")
-            .arg(&copy)
-            .args(["--steps", "1", "--backend", "cpu", "-o"])
-            .arg(dir.path().join("a.gsvx"))
-            .output()
-            .unwrap();
+        let line = "tune --profile paper @ --cameras @ --steps 1 --backend cpu -o @";
+        let out = run(line, &[&model(), &copy, &dir.join("a.gsvx")]);
         std::fs::write(&path, whole).unwrap();
         let error = heard(&out);
         assert_eq!(out.status.code(), Some(1), "{error}");
         let last = error.lines().last().unwrap_or_default();
         let file = Path::new(name).file_name().unwrap().to_str().unwrap();
         assert!(last.starts_with("error: ") && last.contains(file), "{error}");
-        assert_eq!(names(dir.path()), ["room"]);
+        assert_eq!(names(&dir), ["room"]);
     };
     let listed = names(&copy.join("sparse/0"));
     let images = listed.iter().find(|n| n.starts_with("images")).unwrap();

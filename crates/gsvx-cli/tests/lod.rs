@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{failed, json, ok, one_line, report, run, wrong_usage};
+use common::{Folder, failed, json, ok, one_line, report, run, wrong_usage};
 use gs_model::{Format, ReadOptions, Scene};
 use serde_json::Value;
 use std::num::NonZeroUsize;
@@ -38,10 +38,10 @@ fn shown<'a>(list: &'a Value, place: &'a Value, lod: u8) -> (&'a str, usize, usi
 
 #[test]
 fn the_places_show_the_whole_scene_at_every_level() {
-    let dir = tempfile::tempdir().unwrap();
-    let (input, web) = (dir.path().join("room.gsvx"), dir.path().join("web"));
+    let dir = Folder::new();
+    let (input, web) = (dir.join("room.gsvx"), dir.join("web"));
     stream(&input, true);
-    let said = json(&["lod", "@", "-o", "@"], &[&input, &web]);
+    let said = json("lod @ -o @", &[&input, &web]);
     let read = |name: &str| std::fs::read(web.join(name)).unwrap();
     let list: Value = serde_json::from_slice(&read("lod-meta.json")).unwrap();
     let places = list["tree"]["children"].as_array().unwrap();
@@ -111,11 +111,11 @@ fn tiles(node: &Value, web: &Path, finest: &mut usize) {
 
 #[test]
 fn three_d_tiles_hold_the_scene_within_their_boxes() {
-    let dir = tempfile::tempdir().unwrap();
-    let (input, web) = (dir.path().join("room.gsvx"), dir.path().join("tiles"));
+    let dir = Folder::new();
+    let (input, web) = (dir.join("room.gsvx"), dir.join("tiles"));
     stream(&input, true);
-    let words = ["lod", "@", "-o", "@", "--format", "3dtiles", "--at", "-70.5,12,100"];
-    let (said, heard) = report(&words, &[&input, &web]);
+    let words = "lod @ -o @ --format 3dtiles --at -70.5,12,100";
+    let (said, heard) = report(words, &[&input, &web]);
     assert!(heard.contains("left out: 1 Gaussian farther"), "{heard}");
     let list: Value =
         serde_json::from_slice(&std::fs::read(web.join("tileset.json")).unwrap()).unwrap();
@@ -125,41 +125,34 @@ fn three_d_tiles_hold_the_scene_within_their_boxes() {
     let whole = at_level(&std::fs::read(&input).unwrap(), 0);
     assert_eq!(finest, whole.len() - 1);
     assert!(said["places"].as_u64().unwrap() > 30 && said["levels"].as_u64().unwrap() >= 3);
-    wrong_usage(
-        &run(&["lod", "@", "-o", "@", "--at", "1,2,3"], &[&input, &web]),
-        "--format 3dtiles",
-    );
-    wrong_usage(
-        &run(&["lod", "@", "-o", "@", "--at", "1,99,3"], &[&input, &web]),
-        "LON,LAT,HEIGHT",
-    );
+    wrong_usage(&run("lod @ -o @ --at 1,2,3", &[&input, &web]), "--format 3dtiles");
+    wrong_usage(&run("lod @ -o @ --at 1,99,3", &[&input, &web]), "LON,LAT,HEIGHT");
 }
 
 #[test]
 fn tiles_and_streams_stand_where_a_scene_far_from_the_origin_does() {
-    let dir = tempfile::tempdir().unwrap();
-    let at = |name: &str| dir.path().join(name);
-    let (input, tiles, web) = (at("utm.gsvx"), at("tiles"), at("web"));
+    let dir = Folder::new();
+    let (input, tiles, web) = (dir.join("utm.gsvx"), dir.join("tiles"), dir.join("web"));
     let (mut scene, _) = gs_model::ply::read(common::model()).unwrap();
     scene.origin = [389_477.25, 5_435_291.5, 120.0];
     let stream = gsvx::encode(&scene, None, 50.0, &gsvx::EncodeOptions::default()).unwrap();
     std::fs::write(&input, stream.bytes).unwrap();
-    let words = ["lod", "@", "-o", "@", "--force", "--format", "3dtiles", "--at", "8,49,120"];
-    let root = |words: &[&str]| -> (Value, String) {
+    let words = "lod @ -o @ --force --format 3dtiles --at 8,49,120";
+    let root = |words: &str| -> (Value, String) {
         let (_, heard) = report(words, &[&input, &tiles]);
         let list = std::fs::read(tiles.join("tileset.json")).unwrap();
         let list: Value = serde_json::from_slice(&list).unwrap();
         (list["root"].clone(), heard)
     };
-    let (here, heard) = root(&words[..7]);
+    let (here, heard) = root("lod @ -o @ --force --format 3dtiles");
     assert!(!heard.contains("origin"), "{heard}");
     assert_eq!(here["transform"].as_array().unwrap()[12..], [389_477.25, 120.0, -5_435_291.5, 1.0]);
     let content = tiles.join(here["children"][0]["content"]["uri"].as_str().unwrap());
-    assert_eq!(json(&["info", "@"], &[&content])["origin"], serde_json::json!([0.0, 0.0, 0.0]));
-    let (there, heard) = root(&words);
+    assert_eq!(json("info @", &[&content])["origin"], serde_json::json!([0.0, 0.0, 0.0]));
+    let (there, heard) = root(words);
     assert_ne!(there["transform"], here["transform"]);
     assert!(heard.contains("place of the scene's origin, (389477.25, 5435291.5, 120)"), "{heard}");
-    ok(&["lod", "@", "-o", "@"], &[&input, &web]);
+    ok("lod @ -o @", &[&input, &web]);
     let list: Value =
         serde_json::from_slice(&std::fs::read(web.join("lod-meta.json")).unwrap()).unwrap();
     let file = web.join(list["filenames"][0].as_str().unwrap());
@@ -168,31 +161,30 @@ fn tiles_and_streams_stand_where_a_scene_far_from_the_origin_does() {
 
 #[test]
 fn streams_without_an_octree_or_coarse_levels_say_so() {
-    let dir = tempfile::tempdir().unwrap();
-    let (input, web) = (dir.path().join("room.gsvx"), dir.path().join("web"));
+    let dir = Folder::new();
+    let (input, web) = (dir.join("room.gsvx"), dir.join("web"));
     stream(&input, false);
-    assert!(ok(&["lod", "@", "-o", "@"], &[&input, &web]).contains("no coarse levels"));
+    assert!(ok("lod @ -o @", &[&input, &web]).contains("no coarse levels"));
     // The folder holds something now.
-    one_line(&run(&["lod", "@", "-o", "@"], &[&input, &web]), "--force");
-    let lossless = dir.path().join("lossless.gsvx");
-    ok(&["encode", "@", "-o", "@", "--lossless"], &[&common::model(), &lossless]);
-    one_line(&run(&["lod", "@", "-o", "@", "--force"], &[&lossless, &web]), "lossless");
+    one_line(&run("lod @ -o @", &[&input, &web]), "--force");
+    let lossless = dir.join("lossless.gsvx");
+    ok("encode @ -o @ --lossless", &[&common::model(), &lossless]);
+    one_line(&run("lod @ -o @ --force", &[&lossless, &web]), "lossless");
     // A stream that was cut: the chunk that is missing is an error.
     let bytes = std::fs::read(&input).unwrap();
     std::fs::write(&input, &bytes[..bytes.len() - 100]).unwrap();
-    one_line(&run(&["lod", "@", "-o", "@", "--force"], &[&input, &web]), "chunk");
+    one_line(&run("lod @ -o @ --force", &[&input, &web]), "chunk");
 }
 
 #[test]
 fn a_folder_is_whole_or_not_there() {
-    let dir = tempfile::tempdir().unwrap();
-    let at = |name: &str| dir.path().join(name);
-    let (input, cut, web) = (at("room.gsvx"), at("cut.gsvx"), at("web"));
+    let dir = Folder::new();
+    let (input, cut, web) = (dir.join("room.gsvx"), dir.join("cut.gsvx"), dir.join("web"));
     chunked(&input, 20, true);
     let bytes = std::fs::read(&input).unwrap();
     std::fs::write(&cut, &bytes[..bytes.len() - 1]).unwrap();
     for format in ["playcanvas", "3dtiles"] {
-        let words = ["lod", "@", "-o", "@", "--format", format];
+        let words = format!("lod @ -o @ --format {format}");
         failed(&run(&words, &[&cut, &web]), "truncated");
         assert!(!web.exists(), "{format}");
         #[cfg(unix)]
@@ -205,16 +197,16 @@ fn a_folder_is_whole_or_not_there() {
         }
     }
     // What is replaced is replaced whole too.
-    ok(&["lod", "@", "-o", "@"], &[&input, &web]);
+    ok("lod @ -o @", &[&input, &web]);
     let before = common::names(&web);
-    failed(&run(&["lod", "@", "-o", "@", "--force"], &[&cut, &web]), "truncated");
+    failed(&run("lod @ -o @ --force", &[&cut, &web]), "truncated");
     assert_eq!(common::names(&web), before);
 }
 
 #[test]
 fn several_exact_chunks_are_all_shown() {
-    let dir = tempfile::tempdir().unwrap();
-    let (input, web) = (dir.path().join("room.gsvx"), dir.path().join("web"));
+    let dir = Folder::new();
+    let (input, web) = (dir.join("room.gsvx"), dir.join("web"));
     stream(&input, false);
     let bytes = std::fs::read(&input).unwrap();
     let index = gsvx::Index::parse(&bytes).unwrap();
@@ -227,10 +219,10 @@ fn several_exact_chunks_are_all_shown() {
         twice.extend(&bytes[range.start as usize..range.end as usize]);
     }
     std::fs::write(&input, &twice).unwrap();
-    ok(&["lod", "@", "-o", "@"], &[&input, &web]);
+    ok("lod @ -o @", &[&input, &web]);
     let exact = gsvx::decode(&std::fs::read(web.join("exact.gsvx")).unwrap()).unwrap();
     assert_eq!(exact.means, [[3e9, 0.0, 0.0]; 2]);
-    let tiles = dir.path().join("tiles");
-    let (_, heard) = report(&["lod", "@", "-o", "@", "--format", "3dtiles"], &[&input, &tiles]);
+    let tiles = dir.join("tiles");
+    let (_, heard) = report("lod @ -o @ --format 3dtiles", &[&input, &tiles]);
     assert!(heard.contains("left out: 2 Gaussians farther"), "{heard}");
 }

@@ -8,7 +8,7 @@ mod forge;
 
 use std::process::{Command, Stdio};
 
-use common::{gsvx, model};
+use common::{Folder, gsvx, model};
 use gs_model::Scene;
 
 /// Floats of a Gaussian of SH degree 3.
@@ -95,7 +95,7 @@ fn info_of_a_large_file_reads_its_head() {
         (&cut, "stream truncated in a chunk: 0 of 4900000000 bytes"),
         (&ply, "Only the head was read"),
     ] {
-        let text = common::ok(&["info", "@"], &[file]);
+        let text = common::ok("info @", &[file]);
         assert!(text.contains(said), "{text}");
         let peak = peak_bytes(gsvx().arg("info").arg(file));
         assert!(peak < PROCESS + 20_000_000, "{}: {peak} bytes", file.display());
@@ -105,8 +105,8 @@ fn info_of_a_large_file_reads_its_head() {
 /// Two chunks, and four.
 #[test]
 fn encoding_takes_twice_the_memory_of_the_floats() {
-    let dir = tempfile::tempdir().unwrap();
-    let (input, output) = (dir.path().join("model.ply"), dir.path().join("model.gsvx"));
+    let dir = Folder::new();
+    let (input, output) = (dir.join("model.ply"), dir.join("model.gsvx"));
     for len in [60_000, 100_000] {
         gs_model::ply::write(&input, &replicated(len)).unwrap();
         for mode in [None, Some("--lod")] {
@@ -130,8 +130,8 @@ fn encoding_takes_twice_the_memory_of_the_floats() {
 /// A scene of several tiles takes less memory within a bound than in memory, and no more than the bound.
 #[test]
 fn a_bound_on_memory_holds() {
-    let dir = tempfile::tempdir().unwrap();
-    let (input, output) = (dir.path().join("model.ply"), dir.path().join("model.gsvx"));
+    let dir = Folder::new();
+    let (input, output) = (dir.join("model.ply"), dir.join("model.gsvx"));
     let len = 1_000_000;
     gs_model::ply::write(&input, &replicated(len)).unwrap();
     let most = 300_000_000;

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{gsvx, heard, model, one_line, room, room_cameras, said};
+use common::{Folder, heard, model, one_line, room, room_cameras, run, said};
 use image::ImageEncoder;
 use image::codecs::jpeg::JpegEncoder;
 use std::fs;
@@ -11,38 +11,36 @@ use std::process::Output;
 
 /// A scene with cameras and photos of the room: its model, and the photos as `put` writes them.
 struct Scene {
-    dir: tempfile::TempDir,
+    dir: Folder,
 }
 
 impl Scene {
     fn new(put: impl Fn(&Path, &str, image::RgbImage)) -> Self {
-        let dir = tempfile::tempdir().unwrap();
-        room_cameras(dir.path(), "");
+        let dir = Folder::new();
+        room_cameras(&dir, "");
         for file in common::names(&room().join("images")) {
             let photo = image::open(room().join("images").join(&file)).unwrap().into_rgb8();
             // Small photos are quick.
             let photo = image::imageops::resize(&photo, 120, 80, image::imageops::Triangle);
-            put(dir.path(), file.strip_suffix(".png").unwrap(), photo);
+            put(&dir, file.strip_suffix(".png").unwrap(), photo);
         }
         Self { dir }
     }
 
     fn path(&self, name: &str) -> PathBuf {
-        self.dir.path().join(name)
+        self.dir.join(name)
     }
 
     /// A short tune.
-    fn tune(&self, words: &[&str]) -> Output {
-        let mut command = gsvx();
-        command.arg("tune").arg(model()).arg("--cameras").arg(self.dir.path()).arg("-o");
-        command.arg(self.path("a.gsvx")).args(["--effort", "quick", "--json", "--force"]);
-        command.args(words).args(["--quality", "30"]).output().unwrap()
+    fn tune(&self, words: &str) -> Output {
+        let line = "tune @ --cameras @ -o @ --effort quick --json --force --quality 30";
+        run(&format!("{line}{words}"), &[&model(), &self.dir, &self.path("a.gsvx")])
     }
 
     /// Whether a tune had renders as its targets, the PSNR of the input model, and what was said.
     #[track_caller]
     fn tuned(&self) -> (bool, f64, String) {
-        let out = self.tune(&[]);
+        let out = self.tune("");
         let json: serde_json::Value = serde_json::from_str(&said(&out)).unwrap();
         let psnr = json["input_psnr"].as_f64().unwrap_or_default();
         (json["distilled"].as_bool().unwrap(), psnr, heard(&out))
@@ -64,7 +62,7 @@ fn photos_are_found_by_stem_in_folders_of_smaller_sizes() {
     assert!(!distilled && psnr > 25.0, "{psnr} {said}");
     // Photos of other names.
     let scene = Scene::new(|dir, stem, photo| save(dir.join(format!("images/x{stem}.jpg")), photo));
-    let out = scene.tune(&[]);
+    let out = scene.tune("");
     one_line(&out, "looked for");
     let error = heard(&out);
     assert!(error.contains("xview_000.jpg") && error.contains("--distil"), "{error}");
@@ -85,11 +83,11 @@ fn a_tenth_of_the_photos_may_be_missing_or_broken() {
     let line = said.lines().find(|l| l.contains("left out")).unwrap();
     assert!(!distilled && line.contains("view_003.png, view_005.png"), "{said}");
     fs::write(scene.path("images/view_006.png"), "no photo").unwrap();
-    one_line(&scene.tune(&[]), "view_003.png, view_005.png, view_006.png");
+    one_line(&scene.tune(""), "view_003.png, view_005.png, view_006.png");
     for i in 9..14 {
         fs::remove_file(scene.path(&format!("images/view_{i:03}.png"))).unwrap();
     }
-    one_line(&scene.tune(&[]), "not found");
+    one_line(&scene.tune(""), "not found");
 }
 
 #[test]
@@ -129,7 +127,7 @@ fn photos_are_undistorted_and_turned_as_their_exif_data_say() {
         save(dir.join(format!("images/{stem}.png")), bent);
     });
     let (_, ignored, _) = scene.tuned();
-    room_cameras(scene.dir.path(), &format!(" {k1} 0 0 0"));
+    room_cameras(&scene.dir, &format!(" {k1} 0 0 0"));
     let (_, undone, said) = scene.tuned();
     assert!(
         undone > straight - 1.0 && ignored < straight - 2.0,
@@ -156,10 +154,10 @@ fn photos_of_other_views_are_refused_and_another_exposure_is_told() {
             let i: usize = stem.strip_prefix("view_").unwrap().parse().unwrap();
             save(dir.join(format!("images/view_{:03}.png", other(i))), photo);
         });
-        let out = scene.tune(&[]);
+        let out = scene.tune("");
         one_line(&out, "do not show this model at their cameras");
         assert!(heard(&out).contains("--force-photos"), "{out:?}");
-        said(&scene.tune(&["--force-photos"]));
+        said(&scene.tune(" --force-photos"));
     }
     let scene = Scene::new(|dir, stem, mut photo| {
         photo.pixels_mut().for_each(|p| p.0 = p.0.map(|v| (f32::from(v) * 0.6) as u8));
@@ -176,7 +174,7 @@ fn photos_of_formats_that_are_not_read_are_named() {
         fs::create_dir_all(file.parent().unwrap()).unwrap();
         fs::write(file, "II*").unwrap();
     });
-    let out = scene.tune(&[]);
+    let out = scene.tune("");
     one_line(&out, "32 photos in ");
     let error = heard(&out);
     assert!(error.contains("are .TIF, which is not read; convert them to PNG or JPEG"), "{error}");
@@ -188,10 +186,10 @@ fn grey_photos_of_a_model_with_colours_are_refused_by_that_name() {
     let scene = Scene::new(|dir, stem, photo| {
         save(dir.join(format!("images/{stem}.png")), image::DynamicImage::from(photo).into_luma8());
     });
-    let out = scene.tune(&[]);
+    let out = scene.tune("");
     one_line(&out, "all 28 photos are grey");
     assert!(heard(&out).contains("--force-photos"), "{out:?}");
-    let forced = heard(&scene.tune(&["--force-photos"]));
+    let forced = heard(&scene.tune(" --force-photos"));
     assert!(
         forced.contains("the tuned model turns grey") && !forced.contains("exposure"),
         "{forced}"
@@ -217,7 +215,7 @@ fn photos_that_are_turned_are_said_to_be() {
         save(dir.join(format!("images/{stem}.png")), image::imageops::rotate90(&photo));
     });
     one_line(
-        &scene.tune(&[]),
+        &scene.tune(""),
         "80x120, but its camera has 240x160: the photo is turned by 90 degrees",
     );
 }

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::gsvx;
+use common::{Folder, gsvx};
 use std::io::{BufRead as _, BufReader};
 use std::process::Stdio;
 use std::sync::mpsc::channel;
@@ -17,8 +17,8 @@ const BETWEEN: Duration = Duration::from_millis(5_800);
 
 #[test]
 fn a_tune_of_a_million_gaussians_is_never_silent() {
-    let dir = tempfile::tempdir().unwrap();
-    let model = dir.path().join("large.ply");
+    let dir = Folder::new();
+    let model = dir.join("large.ply");
     let scene = testing::trained_like(1_000_000, 0, &mut Rng::seeded(1));
     gs_model::ply::write(&model, &scene).unwrap();
     drop(scene);
@@ -27,7 +27,7 @@ fn a_tune_of_a_million_gaussians_is_never_silent() {
         .arg("tune")
         .arg(&model)
         .args(["--orbit", "48", "--size", "640x480", "-o"])
-        .arg(dir.path().join("a.gsvx"))
+        .arg(dir.join("a.gsvx"))
         .stdout(Stdio::null())
         .stderr(Stdio::piped())
         .spawn()

@@ -2,27 +2,27 @@
 
 mod common;
 
-use common::room;
+use common::{Folder, room};
 use std::path::Path;
 
 /// [`common::report`], with the paths behind the words.
-fn report(words: &[&str], paths: &[&Path]) -> (serde_json::Value, String) {
-    common::report(&[words, &vec!["@"; paths.len()]].concat(), paths)
+fn report(line: &str, paths: &[&Path]) -> (serde_json::Value, String) {
+    common::report(&(line.to_owned() + &" @".repeat(paths.len())), paths)
 }
 
 #[test]
 fn the_estimated_loss_is_within_2_db_of_what_compare_measures() {
-    let dir = tempfile::tempdir().unwrap();
-    let (room, stream) = (room(), dir.path().join("a.gsvx"));
+    let dir = Folder::new();
+    let (room, stream) = (room(), dir.join("a.gsvx"));
     let model = room.join("point_cloud.ply");
     let score = |said: &serde_json::Value| said["psnr"].as_f64().unwrap();
     let third = |said: &serde_json::Value| said["ssimulacra2"].as_f64().unwrap();
     let mut before = 0.0;
     for quality in ["10", "50", "90"] {
-        let words = ["encode", "--force", "-q", quality, "-o"];
+        let words = format!("encode --force -q {quality} -o");
         let (said, error) = report(&words, &[&stream, &model]);
         let estimate = score(&said["estimated_loss"]);
-        let (truth, _) = report(&["compare", "--orbit", "8"], &[&model, &stream]);
+        let (truth, _) = report("compare --orbit 8", &[&model, &stream]);
         let thirds = [third(&said["estimated_loss"]), third(&truth)];
         assert!((thirds[0] - thirds[1]).abs() < 6.0, "quality {quality}: {thirds:?}");
         let truth = score(&truth);
@@ -31,69 +31,68 @@ fn the_estimated_loss_is_within_2_db_of_what_compare_measures() {
         before = estimate;
         assert_eq!(error.contains("the loss is easy to see"), quality == "10", "{error}");
         // With cameras it is measured there.
-        let words = ["encode", "--force", "-q", quality, "--cameras", "@", "@", "-o", "@"];
+        let words = format!("encode --force -q {quality} --cameras @ @ -o @");
         let (said, _) = common::report(&words, &[&room, &model, &stream]);
         let estimate = score(&said["estimated_loss"]["at_cameras"]);
         // The figure that counts is the worse of this one and that around the model.
         let both = [estimate, score(&said["estimated_loss"]["around"])];
         assert_eq!(score(&said["estimated_loss"]), both[0].min(both[1]));
         assert_eq!(said["cameras_doubted"], false);
-        let (truth, _) = report(&["compare", "--cameras"], &[&room, &model, &stream]);
+        let (truth, _) = report("compare --cameras", &[&room, &model, &stream]);
         let truth = score(&truth);
         assert!((estimate - truth).abs() < 2.0, "quality {quality}: {estimate}, in truth {truth}");
     }
     // A person reads what the number means.
-    let said = common::ok(&["encode", "--force", "@", "-o", "@"], &[&model, &stream]);
+    let said = common::ok("encode --force @ -o @", &[&model, &stream]);
     assert!(said.contains("estimated loss: about") && said.contains("see"), "{said}");
-    let (said, _) = report(&["encode", "--force", "--lossless", "-o"], &[&stream, &model]);
+    let (said, _) = report("encode --force --lossless -o", &[&stream, &model]);
     assert!(said["estimated_loss"].is_null());
 }
 
 #[test]
 fn bounds_on_errors_lie_between_the_best_quality_and_lossless() {
-    let dir = tempfile::tempdir().unwrap();
-    let (model, stream) = (room().join("point_cloud.ply"), dir.path().join("a.gsvx"));
-    let words = ["encode", "--max-error", "0.02,mean=0.05", "-o"];
-    let (said, _) = report(&words, &[&stream, &model]);
+    let dir = Folder::new();
+    let (model, stream) = (room().join("point_cloud.ply"), dir.join("a.gsvx"));
+    let words = "encode --max-error 0.02,mean=0.05 -o";
+    let (said, _) = report(words, &[&stream, &model]);
     assert_eq!(said["gaussians"], said["input_gaussians"]);
     for (name, bound) in [("mean", 0.05), ("opacity", 0.02), ("shape", 0.02), ("sh", 0.02)] {
         let error = said["max_error"][name].as_f64().unwrap();
         assert!(0.3 * bound < error && error <= bound, "{name}: {error}");
     }
-    let (lossless, _) = report(&["encode", "--force", "--lossless", "-o"], &[&stream, &model]);
+    let (lossless, _) = report("encode --force --lossless -o", &[&stream, &model]);
     assert!(2 * said["bytes"].as_u64().unwrap() < lossless["bytes"].as_u64().unwrap());
-    let both = ["encode", "--max-error", "0.01", "--quality", "60", "@", "-o", "@"];
-    common::wrong_usage(&common::run(&both, &[&model, &stream]), "--quality");
+    let both = "encode --max-error 0.01 --quality 60 @ -o @";
+    common::wrong_usage(&common::run(both, &[&model, &stream]), "--quality");
     // What is there stays.
-    let again = common::run(&[&words[..], &["@", "@"]].concat(), &[&stream, &model]);
+    let again = common::run(&format!("{words} @ @"), &[&stream, &model]);
     common::one_line(&again, "--force");
 }
 
 #[test]
 fn pictures_that_show_nothing_give_no_figure() {
-    let dir = tempfile::tempdir().unwrap();
-    let (model, stream) = (dir.path().join("clear.ply"), dir.path().join("a.gsvx"));
+    let dir = Folder::new();
+    let (model, stream) = (dir.join("clear.ply"), dir.join("a.gsvx"));
     let (mut scene, _) = gs_model::ply::read(room().join("point_cloud.ply")).unwrap();
     scene.opacity_logits.fill(-12.0);
     gs_model::ply::write(&model, &scene).unwrap();
-    let said = common::ok(&["encode", "@", "-o", "@"], &[&model, &stream]);
+    let said = common::ok("encode @ -o @", &[&model, &stream]);
     assert!(said.contains("no estimate of the loss: nothing of the model shows"), "{said}");
-    let error =
-        common::heard(&common::run(&["compare", "@", "@", "--orbit", "2"], &[&model, &stream]));
+    let error = common::heard(&common::run("compare @ @ --orbit 2", &[&model, &stream]));
     assert!(error.contains("nothing of either model shows in any view"), "{error}");
 }
 
 #[test]
 fn two_parts_far_apart_have_a_warning() {
-    let dir = tempfile::tempdir().unwrap();
-    let (model, stream) = (dir.path().join("pair.ply"), dir.path().join("a.gsvx"));
+    let dir = Folder::new();
+    let (model, stream) = (dir.join("pair.ply"), dir.join("a.gsvx"));
     let (one, _) = gs_model::ply::read(room().join("point_cloud.ply")).unwrap();
     for (distance, warned) in [(1e3, false), (1e5, true)] {
         let mut both = one.clone();
         both.append(&one);
         both.means[one.len()..].iter_mut().for_each(|p| p[0] += distance);
         gs_model::ply::write(&model, &both).unwrap();
-        let (_, error) = report(&["encode", "--force", "--no-estimate", "-o"], &[&stream, &model]);
+        let (_, error) = report("encode --force --no-estimate -o", &[&stream, &model]);
         assert_eq!(
             error.contains("parts of the scene lie so far apart"),
             warned,
@@ -104,14 +103,14 @@ fn two_parts_far_apart_have_a_warning() {
 
 #[test]
 fn half_of_a_model_coded_exactly_has_a_warning() {
-    let dir = tempfile::tempdir().unwrap();
-    let (model, stream) = (dir.path().join("pair.ply"), dir.path().join("a.gsvx"));
+    let dir = Folder::new();
+    let (model, stream) = (dir.join("pair.ply"), dir.join("a.gsvx"));
     let one = testing::trained_like(1000, 0, &mut testing::Rng::seeded(5));
     let mut both = one.clone();
     both.append(&one);
     both.means[one.len()..].iter_mut().for_each(|p| p[0] += 1e7);
     gs_model::ply::write(&model, &both).unwrap();
-    let (said, error) = report(&["encode", "--force", "-o"], &[&stream, &model]);
+    let (said, error) = report("encode --force -o", &[&stream, &model]);
     assert_eq!(said["outliers"], 1000);
     assert!(error.contains("1000 of the stream's 2000 Gaussians lie so far"), "{error}");
     assert!(error.contains("% of the bytes; encode each part apart"), "{error}");
@@ -119,31 +118,30 @@ fn half_of_a_model_coded_exactly_has_a_warning() {
 
 #[test]
 fn positions_that_coincide_have_a_warning() {
-    let dir = tempfile::tempdir().unwrap();
-    let (model, stream) = (dir.path().join("double.ply"), dir.path().join("a.gsvx"));
+    let dir = Folder::new();
+    let (model, stream) = (dir.join("double.ply"), dir.join("a.gsvx"));
     let mut double = common::scene();
     double.append(&double.clone());
     gs_model::ply::write(&model, &double).unwrap();
-    let words = ["encode", "--force", "-o"];
-    let (_, error) = report(&words, &[&stream, &model]);
+    let words = "encode --force -o";
+    let (_, error) = report(words, &[&stream, &model]);
     assert!(error.contains("800 Gaussians share their position with another"), "{error}");
-    let (_, error) =
-        report(&[&words[..2], &["--max-error", "0.01", "-o"]].concat(), &[&stream, &model]);
+    let (_, error) = report("encode --force --max-error 0.01 -o", &[&stream, &model]);
     assert!(!error.contains("share their position"), "{error}");
 }
 
 #[test]
 fn one_gaussian_is_told_in_the_singular() {
-    let dir = tempfile::tempdir().unwrap();
-    let (model, stream) = (dir.path().join("one.ply"), dir.path().join("a.gsvx"));
+    let dir = Folder::new();
+    let (model, stream) = (dir.join("one.ply"), dir.join("a.gsvx"));
     let mut scene = testing::trained_like(1, 0, &mut testing::Rng::seeded(5));
     gs_model::ply::write(&model, &scene).unwrap();
-    let encode = || common::run(&["encode", "@", "--force", "-o", "@"], &[&model, &stream]);
+    let encode = || common::run("encode @ --force -o @", &[&model, &stream]);
     let said = common::said(&encode());
     assert!(said.contains("1 Gaussian coded as 1"), "{said}");
     // A model of one Gaussian has no extent, and still shows in pictures.
     assert!(said.contains("estimated loss"), "{said}");
-    let info = common::ok(&["info", "@"], &[&stream]);
+    let info = common::ok("info @", &[&stream]);
     assert!(info.contains("side 1.1755e-38"), "{info}");
     scene.append(&testing::trained_like(2, 0, &mut testing::Rng::seeded(6)));
     scene.means[1][0] = f32::NAN;

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{ok, one_line, run, said, wrong_usage};
+use common::{Folder, one_line, run, said, wrong_usage};
 use std::num::NonZeroUsize;
 use std::path::Path;
 
@@ -19,21 +19,20 @@ fn stream(dir: &Path) -> std::path::PathBuf {
 
 #[test]
 fn a_box_is_the_part_of_the_scene_and_little_else_is_read() {
-    let dir = tempfile::tempdir().unwrap();
-    let (stream, back) = (stream(dir.path()), dir.path().join("part.ply"));
+    let dir = Folder::new();
+    let (stream, back) = (stream(&dir), dir.join("part.ply"));
     let bytes = std::fs::read(&stream).unwrap();
     let whole = gsvx::decode(&bytes).unwrap();
     let at = whole.means[whole.len() / 2];
     let corners: Vec<String> = at.iter().map(|v| (v - 0.2).to_string()).collect();
     let others: Vec<String> = at.iter().map(|v| (v + 0.2).to_string()).collect();
     let region = format!("{},{}", corners.join(","), others.join(","));
-    let decode = |more: &[&str]| {
-        let words =
-            [&["decode", "@", "-o", "@", "--force", "--json", "--box", &region], more].concat();
-        let said: serde_json::Value = serde_json::from_str(&ok(&words, &[&stream, &back])).unwrap();
+    let decode = |more: &str| {
+        let words = format!("decode @ -o @ --force --box {region}{more}");
+        let said = common::json(&words, &[&stream, &back]);
         (said, gs_model::ply::read(&back).unwrap().0)
     };
-    let (said, part) = decode(&[]);
+    let (said, part) = decode("");
     let inside = |i: &usize| (0..3).all(|k| (whole.means[*i][k] - at[k]).abs() <= 0.2);
     let wanted: Vec<usize> = (0..whole.len()).filter(inside).collect();
     assert!(!wanted.is_empty() && wanted.len() < whole.len() / 10);
@@ -41,19 +40,19 @@ fn a_box_is_the_part_of_the_scene_and_little_else_is_read() {
     let read = said["bytes_read"].as_u64().unwrap();
     assert!(read < bytes.len() as u64 / 3, "{said} of {}", bytes.len());
     // Less is read for base colours, and less again of a coarser level.
-    let (base, part) = decode(&["--max-sh-degree", "0"]);
+    let (base, part) = decode(" --max-sh-degree 0");
     assert_eq!((part.sh_degree, part.means), (0, whole.select(&wanted).means));
     assert!(base["bytes_read"].as_u64().unwrap() < read);
-    let (coarse, part) = decode(&["--lod", "1"]);
+    let (coarse, part) = decode(" --lod 1");
     assert!(part.len() < wanted.len() && coarse["bytes_read"].as_u64().unwrap() < read);
 }
 
 #[test]
 fn a_box_without_gaussians_and_wrong_boxes() {
-    let dir = tempfile::tempdir().unwrap();
-    let (stream, back) = (stream(dir.path()), dir.path().join("part.ply"));
-    let words = ["decode", "@", "-o", "@", "--force", "--box"];
-    let with = |region: &str| run(&[&words[..], &[region]].concat(), &[&stream, &back]);
+    let dir = Folder::new();
+    let (stream, back) = (stream(&dir), dir.join("part.ply"));
+    let words = "decode @ -o @ --force --box";
+    let with = |region: &str| run(&format!("{words} {region}"), &[&stream, &back]);
     assert!(said(&with("900,900,900,901,901,901")).contains("0 Gaussians in the box"));
     wrong_usage(&with("1,2,3"), "six numbers");
     std::fs::write(&stream, &std::fs::read(&stream).unwrap()[..9]).unwrap();

@@ -8,13 +8,13 @@ use std::process::{Command, Output, Stdio};
 use std::sync::LazyLock;
 use std::time::Instant;
 
-use common::{Moments, gsvx, model, names, one_line, wrong_usage};
+use common::{Folder, Moments, model, names, one_line, wrong_usage};
 use gs_model::{Scene, ply};
 
 /// Three files of a city of several tiles, the same Gaussians in one file, and the stream that an encode in memory
 /// makes of them.
 struct City {
-    dir: tempfile::TempDir,
+    dir: Folder,
     inputs: Vec<PathBuf>,
     stream: Vec<u8>,
 }
@@ -41,23 +41,22 @@ fn rooms(file: usize, copies: usize) -> Scene {
 }
 
 static CITY: LazyLock<City> = LazyLock::new(|| {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = Folder::new();
     let (room, _) = ply::read(model()).unwrap();
     let copies = 200_000 / room.len() + 1;
     let mut all = Scene { sh_degree: 1, ..Scene::default() };
     let mut inputs = Vec::new();
     for file in 0..3 {
         let scene = rooms(file, copies);
-        let path = dir.path().join(format!("tile-{file}.ply"));
+        let path = dir.join(format!("tile-{file}.ply"));
         ply::write(&path, &scene).unwrap();
         inputs.push(path);
         all.append(&scene);
     }
-    let whole = dir.path().join("whole.ply");
+    let whole = dir.join("whole.ply");
     ply::write(&whole, &all).unwrap();
-    let stream = dir.path().join("whole.gsvx");
-    let out = gsvx().args(["encode", "--no-estimate"]).arg(whole).arg("-o").arg(&stream).output();
-    done(&out.unwrap());
+    let stream = dir.join("whole.gsvx");
+    common::ok("encode --no-estimate @ -o @", &[&whole, &stream]);
     City { inputs, stream: std::fs::read(&stream).unwrap(), dir }
 });
 
@@ -69,10 +68,10 @@ fn run(command: &mut Command) {
     done(&command.output().unwrap());
 }
 
-/// `gsvx WORDS INPUTS -o OUTPUT`.
-fn of(words: &[&str], inputs: &[PathBuf], output: &Path) -> Command {
-    let mut command = gsvx();
-    command.args(words).args(inputs).arg("-o").arg(output);
+/// `gsvx LINE INPUTS -o OUTPUT`.
+fn of(line: &str, inputs: &[PathBuf], output: &Path) -> Command {
+    let mut command = common::command(line, &[]);
+    command.args(inputs).arg("-o").arg(output);
     command
 }
 
@@ -80,13 +79,13 @@ fn of(words: &[&str], inputs: &[PathBuf], output: &Path) -> Command {
 fn parts(dir: &Path, n: usize) -> Vec<PathBuf> {
     let plan = dir.join("city.plan");
     if !plan.exists() {
-        run(&mut of(&["plan"], &CITY.inputs, &plan));
+        run(&mut of("plan", &CITY.inputs, &plan));
     }
     let each = |k: usize| {
         let part = dir.join(format!("part-{k}-of-{n}.gsvx"));
         if !part.exists() {
-            let words = ["encode", "--part", &format!("{k}/{n}")];
-            run(&mut of(&words, std::slice::from_ref(&plan), &part));
+            let line = format!("encode --part {k}/{n}");
+            run(&mut of(&line, std::slice::from_ref(&plan), &part));
         }
         part
     };
@@ -95,54 +94,52 @@ fn parts(dir: &Path, n: usize) -> Vec<PathBuf> {
 
 #[test]
 fn a_bound_on_memory_changes_no_byte() {
-    let dir = tempfile::tempdir().unwrap();
-    let city = dir.path().join("city.gsvx");
-    let out = of(&["encode", "--memory", "500M"], &CITY.inputs, &city).output().unwrap();
+    let dir = Folder::new();
+    let city = dir.join("city.gsvx");
+    let out = of("encode --memory 500M", &CITY.inputs, &city).output().unwrap();
     done(&out);
     assert!(String::from_utf8_lossy(&out.stderr).contains("scratch files: about"), "{out:?}");
     assert!(std::fs::read(&city).unwrap() == CITY.stream);
-    assert_eq!(names(dir.path()), ["city.gsvx"]);
+    assert_eq!(names(&dir), ["city.gsvx"]);
     // One file too, on one thread, with scratch files elsewhere.
-    let whole = CITY.dir.path().join("whole.ply");
-    let (again, scratch) = (dir.path().join("again.gsvx"), dir.path().join("scratch"));
-    let mut command = of(&["encode", "--memory", "1G", "--threads", "1"], &[whole], &again);
+    let whole = CITY.dir.join("whole.ply");
+    let (again, scratch) = (dir.join("again.gsvx"), dir.join("scratch"));
+    let mut command = of("encode --memory 1G --threads 1", &[whole], &again);
     run(command.arg("--scratch").arg(&scratch));
     assert!(std::fs::read(&again).unwrap() == CITY.stream && !scratch.exists());
 }
 
 #[test]
 fn an_antialiased_model_and_another_are_not_one_scene() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = Folder::new();
     let mut scene = common::scene();
-    let [with, without, output] =
-        ["with.ply", "without.ply", "out.gsvx"].map(|n| dir.path().join(n));
+    let [with, without, output] = ["with.ply", "without.ply", "out.gsvx"].map(|n| dir.join(n));
     ply::write(&without, &scene).unwrap();
     scene.antialiased = true;
     ply::write(&with, &scene).unwrap();
-    let words = ["encode", "@", "@", "-o", "@"];
-    let out = common::run(&words, &[&without, &with, &output]);
+    let words = "encode @ @ -o @";
+    let out = common::run(words, &[&without, &with, &output]);
     let said = format!("{} is antialiased and {} is not", with.display(), without.display());
     let heard = common::heard(&out);
     assert!(!out.status.success() && heard.contains(&said), "{heard}");
-    common::ok(&["encode", "@", "@", "--no-estimate", "-o", "@"], &[&with, &with, &output]);
+    common::ok("encode @ @ --no-estimate -o @", &[&with, &with, &output]);
     assert!(gsvx::decode(&std::fs::read(&output).unwrap()).unwrap().antialiased);
 }
 
 #[test]
 fn transparent_gaussians_are_left_out_and_counted_whatever_the_way() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = Folder::new();
     let mut scene = common::scene();
     let drawn = scene.drawn().map_or(scene.len(), |drawn| drawn.len());
     scene.append(&scene.clone());
     let half = scene.len() / 2;
     scene.opacity_logits[half..].fill(-8.0);
-    let (input, one, tiles) =
-        ["model.ply", "one.gsvx", "tiles.gsvx"].map(|n| dir.path().join(n)).into();
+    let (input, one, tiles) = ["model.ply", "one.gsvx", "tiles.gsvx"].map(|n| dir.join(n)).into();
     ply::write(&input, &scene).unwrap();
-    let said = common::json(&["encode", "@", "--no-estimate", "-o", "@"], &[&input, &one]);
+    let said = common::json("encode @ --no-estimate -o @", &[&input, &one]);
     assert_eq!(said["transparent"], scene.len() - drawn);
-    let words = ["encode", "@", "--memory", "500M", "-o", "@"];
-    let (said, heard) = common::report(&words, &[&input, &tiles]);
+    let words = "encode @ --memory 500M -o @";
+    let (said, heard) = common::report(words, &[&input, &tiles]);
     assert_eq!(
         (&said["transparent"], &said["input_gaussians"]),
         (&(scene.len() - drawn).into(), &drawn.into())
@@ -153,22 +150,22 @@ fn transparent_gaussians_are_left_out_and_counted_whatever_the_way() {
 
 #[test]
 fn parts_joined_are_the_scene_in_memory() {
-    let dir = tempfile::tempdir().unwrap();
-    let joined = dir.path().join("joined.gsvx");
+    let dir = Folder::new();
+    let joined = dir.join("joined.gsvx");
     for n in [1, 2, 5] {
-        let mut parts = parts(dir.path(), n);
+        let mut parts = parts(&dir, n);
         // Each part is a stream itself.
         assert!(gsvx::decode(&std::fs::read(&parts[0]).unwrap()).is_ok());
         parts.reverse();
-        run(of(&["join"], &parts, &joined).arg("--force"));
+        run(of("join", &parts, &joined).arg("--force"));
         assert!(std::fs::read(&joined).unwrap() == CITY.stream, "{n} parts");
     }
-    let mut parts = parts(dir.path(), 5);
-    let join = |parts: &[PathBuf]| of(&["join", "--force"], parts, &joined).output().unwrap();
+    let mut parts = parts(&dir, 5);
+    let join = |parts: &[PathBuf]| of("join --force", parts, &joined).output().unwrap();
     let last = parts.split_off(4);
     one_line(&join(&parts), "parts are missing: 5/5");
     wrong_usage(&join(&[&parts[..], &parts[..1]].concat()), "the same part");
-    let other = dir.path().join("part-2-of-2.gsvx");
+    let other = dir.join("part-2-of-2.gsvx");
     one_line(&join(&[&parts[..], &[other]].concat()), "different numbers of parts");
     let bytes = std::fs::read(&last[0]).unwrap();
     std::fs::write(&last[0], &bytes[..bytes.len() - 3]).unwrap();
@@ -178,72 +175,72 @@ fn parts_joined_are_the_scene_in_memory() {
 
 #[test]
 fn inputs_that_are_broken_or_change_are_named() {
-    let dir = tempfile::tempdir().unwrap();
-    let at = |name: &str| dir.path().join(name);
+    let dir = Folder::new();
     let mut inputs = Vec::new();
     for (i, name) in ["a.ply", "b.ply"].iter().enumerate() {
-        ply::write(at(name), &rooms(i, 1)).unwrap();
-        inputs.push(at(name));
+        ply::write(dir.join(name), &rooms(i, 1)).unwrap();
+        inputs.push(dir.join(name));
     }
-    run(&mut of(&["plan"], &inputs, &at("plan")));
+    run(&mut of("plan", &inputs, &dir.join("plan")));
     let part =
-        || of(&["encode", "--part", "1/1"], &[at("plan")], &at("part.gsvx")).output().unwrap();
+        || of("encode --part 1/1", &[dir.join("plan")], &dir.join("part.gsvx")).output().unwrap();
     done(&part());
-    std::fs::remove_file(at("part.gsvx")).unwrap();
+    std::fs::remove_file(dir.join("part.gsvx")).unwrap();
     let mut moved = rooms(1, 1);
     moved.means[5][0] += 1e4;
-    ply::write(at("b.ply"), &moved).unwrap();
+    ply::write(dir.join("b.ply"), &moved).unwrap();
     one_line(&part(), "b.ply: has changed since the plan was made");
     moved.means[5][0] = f32::NAN;
-    ply::write(at("b.ply"), &moved).unwrap();
-    let refused = of(&["plan"], &inputs, &at("plan2")).output().unwrap();
+    ply::write(dir.join("b.ply"), &moved).unwrap();
+    let refused = of("plan", &inputs, &dir.join("plan2")).output().unwrap();
     let said = String::from_utf8_lossy(&refused.stderr);
     assert!(!refused.status.success() && said.contains("b.ply: Gaussian 5: mean is NaN"), "{said}");
-    assert!(!at("plan2").exists());
+    assert!(!dir.join("plan2").exists());
     // Invalid Gaussians can be left out, in every way alike.
-    run(of(&["plan"], &inputs, &at("plan3")).arg("--drop-invalid"));
-    run(&mut of(&["encode", "--part", "1/1"], &[at("plan3")], &at("part3.gsvx")));
-    let out = of(&["encode", "--drop-invalid"], &inputs, &at("one.gsvx")).output().unwrap();
+    run(of("plan", &inputs, &dir.join("plan3")).arg("--drop-invalid"));
+    run(&mut of("encode --part 1/1", &[dir.join("plan3")], &dir.join("part3.gsvx")));
+    let out = of("encode --drop-invalid", &inputs, &dir.join("one.gsvx")).output().unwrap();
     done(&out);
     assert!(
         String::from_utf8_lossy(&out.stderr).contains("1 invalid Gaussian is left out"),
         "{out:?}"
     );
-    run(&mut of(&["join"], &[at("part3.gsvx")], &at("three.gsvx")));
-    assert!(std::fs::read(at("one.gsvx")).unwrap() == std::fs::read(at("three.gsvx")).unwrap());
+    run(&mut of("join", &[dir.join("part3.gsvx")], &dir.join("three.gsvx")));
+    assert!(
+        std::fs::read(dir.join("one.gsvx")).unwrap()
+            == std::fs::read(dir.join("three.gsvx")).unwrap()
+    );
 }
 
 #[test]
 fn flags_that_need_the_scene_in_memory_are_refused() {
-    let dir = tempfile::tempdir().unwrap();
-    let out = dir.path().join("out.gsvx");
-    let with = |words: &[&str]| of(words, &[model()], &out).output().unwrap();
+    let dir = Folder::new();
+    let out = dir.join("out.gsvx");
+    let with = |line: &str| of(line, &[model()], &out).output().unwrap();
     let wide = "--memory: pruning needs the whole scene in memory";
-    wrong_usage(&with(&["encode", "--memory", "1G", "--prune", "0.1"]), wide);
+    wrong_usage(&with("encode --memory 1G --prune 0.1"), wide);
     // The plan holds all choices.
     let chosen =
         ["--quality 80", "--lod", "--web", "--max-sh-degree 1", "--drop-invalid", "--from ply"];
     for flag in chosen.into_iter().chain(["--cameras x", "--depth 9 --j-low 3"]) {
-        let words: Vec<&str> = "encode --part 1/2".split(' ').chain(flag.split(' ')).collect();
-        wrong_usage(&with(&words), "--part");
+        wrong_usage(&with(&format!("encode --part 1/2 {flag}")), "--part");
     }
-    wrong_usage(&with(&["encode", "--memory", "1M"]), "at least");
-    wrong_usage(&with(&["encode", "--part", "3/2"]), "K/N");
-    one_line(&with(&["encode", "--part", "1/2"]), "is no plan");
+    wrong_usage(&with("encode --memory 1M"), "at least");
+    wrong_usage(&with("encode --part 3/2"), "K/N");
+    one_line(&with("encode --part 1/2"), "is no plan");
     let two = [model(), model()];
-    let lossless = of(&["encode", "--lossless"], &two, &out).output().unwrap();
+    let lossless = of("encode --lossless", &two, &out).output().unwrap();
     wrong_usage(&lossless, "several models as one scene");
-    assert!(names(dir.path()).is_empty());
+    assert!(names(&dir).is_empty());
 }
 
 #[test]
 fn a_web_stream_is_the_same_in_parts_and_in_memory() {
-    let dir = tempfile::tempdir().unwrap();
-    let at = |name: &str| dir.path().join(name);
-    let web = ["encode", "--web", "--quality", "80"];
-    run(&mut of(&web, &[model()], &at("memory.gsvx")));
-    run(of(&web, &[model()], &at("parts.gsvx")).args(["--memory", "1G"]));
-    let read = |name: &str| std::fs::read(at(name)).unwrap();
+    let dir = Folder::new();
+    let web = "encode --web --quality 80";
+    run(&mut of(web, &[model()], &dir.join("memory.gsvx")));
+    run(of(web, &[model()], &dir.join("parts.gsvx")).args(["--memory", "1G"]));
+    let read = |name: &str| std::fs::read(dir.join(name)).unwrap();
     assert!(read("memory.gsvx") == read("parts.gsvx"));
     // The quality that was asked for, and not that of the preset.
     let step = gsvx::Steps::of_quality(80.0).unwrap();
@@ -252,49 +249,49 @@ fn a_web_stream_is_the_same_in_parts_and_in_memory() {
 
 #[test]
 fn cameras_change_no_byte_between_one_machine_and_parts() {
-    let dir = tempfile::tempdir().unwrap();
-    let at = |name: &str| dir.path().join(name);
-    let read = |name: &str| std::fs::read(at(name)).unwrap();
+    let dir = Folder::new();
+    let read = |name: &str| std::fs::read(dir.join(name)).unwrap();
     // One tile: what cameras see is what they see in memory.
     let (first, second) = (rooms(0, 1), rooms(1, 1));
     let mut both = first.clone();
     both.append(&second);
     for (name, scene) in [("a.ply", &first), ("b.ply", &second), ("both.ply", &both)] {
-        ply::write(at(name), scene).unwrap();
+        ply::write(dir.join(name), scene).unwrap();
     }
-    let with = |words: &[&str], inputs: &[&str], output: &str| {
-        let inputs: Vec<PathBuf> = inputs.iter().map(|i| at(i)).collect();
-        let mut command = of(words, &inputs, &at(output));
+    let with = |line: &str, inputs: &[&str], output: &str| {
+        let inputs: Vec<PathBuf> = inputs.iter().map(|i| dir.join(i)).collect();
+        let mut command = of(line, &inputs, &dir.join(output));
         command.arg("--cameras").arg(common::room());
         command
     };
-    run(&mut with(&["encode", "--no-estimate"], &["both.ply"], "memory.gsvx"));
-    run(&mut with(&["encode"], &["a.ply", "b.ply"], "two.gsvx"));
+    run(&mut with("encode --no-estimate", &["both.ply"], "memory.gsvx"));
+    run(&mut with("encode", &["a.ply", "b.ply"], "two.gsvx"));
     assert!(read("memory.gsvx") == read("two.gsvx"));
-    let guessed = of(&["encode", "--no-estimate"], &[at("both.ply")], &at("guessed.gsvx")).output();
+    let guessed =
+        of("encode --no-estimate", &[dir.join("both.ply")], &dir.join("guessed.gsvx")).output();
     done(&guessed.unwrap());
     assert!(read("memory.gsvx") != read("guessed.gsvx"));
     // Several tiles: one process, and parts. Levels of detail too.
     let cameras =
         |command: &mut Command| run(command.arg("--lod").arg("--cameras").arg(common::room()));
-    cameras(&mut of(&["encode", "--memory", "1G"], &CITY.inputs, &at("one.gsvx")));
-    cameras(&mut of(&["plan"], &CITY.inputs, &at("plan")));
+    cameras(&mut of("encode --memory 1G", &CITY.inputs, &dir.join("one.gsvx")));
+    cameras(&mut of("plan", &CITY.inputs, &dir.join("plan")));
     let part = |k: usize| {
         let name = format!("part-{k}.gsvx");
-        run(&mut of(&["encode", "--part", &format!("{k}/2")], &[at("plan")], &at(&name)));
-        at(&name)
+        run(&mut of(&format!("encode --part {k}/2"), &[dir.join("plan")], &dir.join(&name)));
+        dir.join(&name)
     };
-    run(&mut of(&["join"], &[part(1), part(2)], &at("joined.gsvx")));
+    run(&mut of("join", &[part(1), part(2)], &dir.join("joined.gsvx")));
     assert!(read("one.gsvx") == read("joined.gsvx"));
     let index = gsvx::Index::parse(&read("one.gsvx")).unwrap();
     assert_eq!(index.coarsest_lod(), 2);
-    run(&mut of(&["lod"], &[at("one.gsvx")], &at("web")));
-    let decoded = of(&["decode", "--lod", "2"], &[at("one.gsvx")], &at("coarse.ply")).output();
+    run(&mut of("lod", &[dir.join("one.gsvx")], &dir.join("web")));
+    let decoded = of("decode --lod 2", &[dir.join("one.gsvx")], &dir.join("coarse.ply")).output();
     done(&decoded.unwrap());
-    let coarse = ply::read(at("coarse.ply")).unwrap().0.len();
+    let coarse = ply::read(dir.join("coarse.ply")).unwrap().0.len();
     assert!((1000..20_000).contains(&coarse), "{coarse}");
     // Cameras of another place, and cameras that changed.
-    let cameras = at("cameras.json");
+    let cameras = dir.join("cameras.json");
     let cameras_at = |z: f64| {
         let view = |i: usize| {
             format!(
@@ -305,12 +302,14 @@ fn cameras_change_no_byte_between_one_machine_and_parts() {
         std::fs::write(&cameras, format!("[{},{}]", view(0), view(1))).unwrap();
     };
     cameras_at(-3.0);
-    run(of(&["plan"], &[at("a.ply")], &at("plan2")).arg("--cameras").arg(&cameras));
+    run(of("plan", &[dir.join("a.ply")], &dir.join("plan2")).arg("--cameras").arg(&cameras));
     cameras_at(1000.0);
-    let part = of(&["encode", "--part", "1/1"], &[at("plan2")], &at("part.gsvx")).output();
+    let part = of("encode --part 1/1", &[dir.join("plan2")], &dir.join("part.gsvx")).output();
     one_line(&part.unwrap(), "cameras.json: has changed since the plan was made");
-    let nothing =
-        of(&["plan"], &[at("a.ply")], &at("plan3")).arg("--cameras").arg(&cameras).output();
+    let nothing = of("plan", &[dir.join("a.ply")], &dir.join("plan3"))
+        .arg("--cameras")
+        .arg(&cameras)
+        .output();
     common::failed(&nothing.unwrap(), "these cameras see nothing of the model");
 }
 
@@ -347,35 +346,35 @@ fn until_done(
 
 #[test]
 fn killed_at_random_an_encode_goes_on_to_the_same_bytes() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = Folder::new();
     let mut moments = Moments::new();
-    let at = |name: &str| dir.path().join(name);
     let encode = || {
-        let mut command = of(&["encode", "--memory", "500M"], &CITY.inputs, &at("city.gsvx"));
+        let mut command = of("encode --memory 500M", &CITY.inputs, &dir.join("city.gsvx"));
         command.arg("--force");
         command
     };
     let [kills, resumed] = until_done(encode, 10, &mut moments);
-    assert!(std::fs::read(at("city.gsvx")).unwrap() == CITY.stream);
+    assert!(std::fs::read(dir.join("city.gsvx")).unwrap() == CITY.stream);
     println!("encode: {kills} kills, {resumed} runs went on");
     assert!(kills >= 5 && resumed >= 2, "{kills} kills, {resumed} runs went on");
-    run(&mut of(&["plan"], &CITY.inputs, &at("plan")));
+    run(&mut of("plan", &CITY.inputs, &dir.join("plan")));
     for k in ["1/2", "2/2"] {
         let name = format!("part-{}.gsvx", &k[..1]);
         let part = || {
-            let mut command = of(&["encode", "--force", "--part", k], &[at("plan")], &at(&name));
+            let mut command =
+                of(&format!("encode --force --part {k}"), &[dir.join("plan")], &dir.join(&name));
             command.args(["--memory", "500M"]);
             command
         };
         let [kills, resumed] = until_done(part, 5, &mut moments);
         println!("part {k}: {kills} kills, {resumed} runs went on");
     }
-    let both = [at("part-1.gsvx"), at("part-2.gsvx")];
-    let join = || of(&["join", "--force"], &both, &at("joined.gsvx"));
+    let both = [dir.join("part-1.gsvx"), dir.join("part-2.gsvx")];
+    let join = || of("join --force", &both, &dir.join("joined.gsvx"));
     let [kills, _] = until_done(join, 10, &mut moments);
     println!("join: {kills} kills");
-    assert!(std::fs::read(at("joined.gsvx")).unwrap() == CITY.stream);
-    let left = names(dir.path());
+    assert!(std::fs::read(dir.join("joined.gsvx")).unwrap() == CITY.stream);
+    let left = names(&dir);
     let wanted = ["city.gsvx", "joined.gsvx", "part-1.gsvx", "part-2.gsvx", "plan"];
     assert_eq!(left, wanted);
 }

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{gsvx, heard, model, one_line, room, said, wrong_usage};
+use common::{Folder, heard, model, one_line, room, said, wrong_usage};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -17,10 +17,7 @@ fn small(dir: &Path) -> PathBuf {
 
 /// A short tune of the small model to its own renders.
 fn tune(dir: &Path, output: &str) -> Command {
-    let mut command = gsvx();
-    command.arg("tune").arg(small(dir)).args(["--orbit", "6", "--size", "64x48"]);
-    command.arg("-o").arg(dir.join(output));
-    command
+    common::command("tune @ --orbit 6 --size 64x48 -o @", &[&small(dir), &dir.join(output)])
 }
 
 fn quick(dir: &Path, output: &str) -> Command {
@@ -31,15 +28,15 @@ fn quick(dir: &Path, output: &str) -> Command {
 
 #[test]
 fn a_model_is_tuned_to_itself() {
-    let dir = tempfile::tempdir().unwrap();
-    let out = quick(dir.path(), "a.gsvx").arg("--json").output().unwrap();
+    let dir = Folder::new();
+    let out = quick(&dir, "a.gsvx").arg("--json").output().unwrap();
     let json: serde_json::Value = serde_json::from_str(&said(&out)).unwrap();
     let text = heard(&out);
     assert!(
         text.contains("renders of it are the targets") && text.contains("plan: quality 58.0"),
         "{text}"
     );
-    let bytes = std::fs::read(dir.path().join("a.gsvx")).unwrap();
+    let bytes = std::fs::read(dir.join("a.gsvx")).unwrap();
     let decoded = gsvx::decode(&bytes).unwrap();
     assert_eq!(
         (json["bytes"].as_u64().unwrap(), json["gaussians"].as_u64().unwrap()),
@@ -50,80 +47,76 @@ fn a_model_is_tuned_to_itself() {
     assert!(!text.contains("100.00 dB") && json["input_psnr"].is_null(), "{text}");
     assert!(json["elsewhere_psnr"].as_f64().unwrap() > 20.0, "{json}");
     // A PLY holds what a decoder returns.
-    let text = said(&quick(dir.path(), "a.ply").output().unwrap());
+    let text = said(&quick(&dir, "a.ply").output().unwrap());
     assert!(text.contains("; elsewhere "), "{text}");
-    let (ply, _) = gs_model::ply::read(dir.path().join("a.ply")).unwrap();
+    let (ply, _) = gs_model::ply::read(dir.join("a.ply")).unwrap();
     assert_eq!((ply.means, ply.sh), (decoded.means, decoded.sh));
 }
 
 #[test]
 fn a_coarse_scene_comes_first_if_it_is_asked_for() {
-    let dir = tempfile::tempdir().unwrap();
+    let dir = Folder::new();
     let paper = ["--profile", "paper", "--steps", "1", "--backend", "cpu"];
     for (name, flag, more) in [("a", "--lod", &[][..]), ("b", "--web", &[]), ("c", "--web", &paper)]
     {
-        let mut command = quick(dir.path(), &format!("{name}.gsvx"));
+        let mut command = quick(&dir, &format!("{name}.gsvx"));
         let json = said(&command.args([flag, "--json"]).args(more).output().unwrap());
         let json: serde_json::Value = serde_json::from_str(&json).unwrap();
-        let bytes = std::fs::read(dir.path().join(format!("{name}.gsvx"))).unwrap();
+        let bytes = std::fs::read(dir.join(format!("{name}.gsvx"))).unwrap();
         let index = gsvx::Index::parse(&bytes).unwrap();
         assert_eq!((index.chunks[0].lod, index.chunks.last().unwrap().lod), (1, 0), "{name}");
         assert_eq!(json["bytes"].as_u64(), Some(bytes.len() as u64));
         assert_eq!(json["gaussians"].as_u64(), Some(index.header.count));
     }
-    wrong_usage(&quick(dir.path(), "a.ply").arg("--lod").output().unwrap(), "no coarse level");
+    wrong_usage(&quick(&dir, "a.ply").arg("--lod").output().unwrap(), "no coarse level");
 }
 
 #[test]
 fn a_target_in_bytes_is_met_or_missed_with_exit_code_3() {
-    let dir = tempfile::tempdir().unwrap();
-    said(&quick(dir.path(), "a.gsvx").args(["--target-bytes", "4500"]).output().unwrap());
-    assert!(std::fs::metadata(dir.path().join("a.gsvx")).unwrap().len() <= 4500);
+    let dir = Folder::new();
+    said(&quick(&dir, "a.gsvx").args(["--target-bytes", "4500"]).output().unwrap());
+    assert!(std::fs::metadata(dir.join("a.gsvx")).unwrap().len() <= 4500);
     // A poor result says so.
-    let out = quick(dir.path(), "poor.gsvx").args(["--target-bytes", "800"]).output().unwrap();
+    let out = quick(&dir, "poor.gsvx").args(["--target-bytes", "800"]).output().unwrap();
     assert!(heard(&out).contains("easy to see"), "{out:?}");
-    let out = quick(dir.path(), "b.gsvx").args(["--target-bytes", "100"]).output().unwrap();
+    let out = quick(&dir, "b.gsvx").args(["--target-bytes", "100"]).output().unwrap();
     let error = heard(&out);
     let last = error.lines().last().unwrap();
     assert!(last.contains("100 bytes is below"), "{error}");
-    let out = quick(dir.path(), "c.gsvx").args(["--target-psnr", "90"]).output().unwrap();
+    let out = quick(&dir, "c.gsvx").args(["--target-psnr", "90"]).output().unwrap();
     assert_eq!(out.status.code(), Some(3), "{}", heard(&out));
-    assert!(dir.path().join("c.gsvx").exists() && !dir.path().join("b.gsvx").exists());
+    assert!(dir.join("c.gsvx").exists() && !dir.join("b.gsvx").exists());
 }
 
 #[test]
 fn wrong_words_and_wrong_photos_give_one_line() {
-    let dir = tempfile::tempdir().unwrap();
-    let run = |words: &[&str]| {
-        let mut command = gsvx();
-        command.arg("tune").arg(small(dir.path())).args(words).arg("-o");
-        command.arg(dir.path().join("a.gsvx")).output().unwrap()
+    let dir = Folder::new();
+    let run = |line: &str, cameras: &[&Path]| {
+        let (input, output) = (small(&dir), dir.join("a.gsvx"));
+        common::run(&format!("tune @ -o @{line}"), &[&[&*input, &output], cameras].concat())
     };
     let room = room();
-    let room = room.to_str().unwrap();
-    wrong_usage(&run(&["--cameras", room, "--steps", "5"]), "--profile paper");
-    wrong_usage(
-        &run(&["--cameras", room, "--profile", "paper", "--target-psnr", "30"]),
-        "--quality",
-    );
-    wrong_usage(&run(&[]), "--cameras");
+    wrong_usage(&run(" --cameras @ --steps 5", &[&room]), "--profile paper");
+    let psnr = run(" --cameras @ --profile paper --target-psnr 30", &[&room]);
+    wrong_usage(&psnr, "--quality");
+    wrong_usage(&run("", &[]), "--cameras");
     // Every 25th Gaussian shows next to nothing of what the photos show.
-    one_line(&run(&["--cameras", room]), "do not show this model");
-    let single = dir.path().join("transforms.json");
+    one_line(&run(" --cameras @", &[&room]), "do not show this model");
+    let single = dir.join("transforms.json");
     let text = r#"{"w": 64, "h": 48, "fl_x": 60.0, "frames": [{"file_path": "a.png",
         "transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,3],[0,0,0,1]]}]}"#;
     std::fs::write(&single, text).unwrap();
-    one_line(&run(&["--cameras", single.to_str().unwrap()]), "two or more");
-    assert!(!dir.path().join("a.gsvx").exists());
+    one_line(&run(" --cameras @", &[&single]), "two or more");
+    assert!(!dir.join("a.gsvx").exists());
 }
 
 #[cfg(unix)]
 #[test]
 fn a_terminated_tune_writes_what_it_has_reached() {
     use std::process::Stdio;
-    let dir = tempfile::tempdir().unwrap();
-    let checkpoint = dir.path().join("run.ckpt");
-    let mut command = tune(dir.path(), "a.gsvx");
+    let dir = Folder::new();
+    let checkpoint = dir.join("run.ckpt");
+    let mut command = tune(&dir, "a.gsvx");
     command.args(["--effort", "long", "--checkpoint"]).arg(&checkpoint);
     let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     // A checkpoint shows that the tuning has begun.
@@ -134,7 +127,7 @@ fn a_terminated_tune_writes_what_it_has_reached() {
     Command::new("kill").args(["-TERM", &child.id().to_string()]).status().unwrap();
     let out = child.wait_with_output().unwrap();
     assert!(said(&out).contains("interrupted"));
-    let bytes = std::fs::read(dir.path().join("a.gsvx")).unwrap();
+    let bytes = std::fs::read(dir.join("a.gsvx")).unwrap();
     assert!(!gsvx::decode(&bytes).unwrap().is_empty());
 }
 
@@ -142,9 +135,9 @@ fn a_terminated_tune_writes_what_it_has_reached() {
 #[cfg(unix)]
 #[test]
 fn a_checkpoint_that_does_not_fit_does_not_end_the_run() {
-    let dir = tempfile::tempdir().unwrap();
-    let mut command = quick(dir.path(), "a.gsvx");
-    command.arg("--checkpoint").arg(dir.path().join("run.ckpt"));
+    let dir = Folder::new();
+    let mut command = quick(&dir, "a.gsvx");
+    command.arg("--checkpoint").arg(dir.join("run.ckpt"));
     let out = Command::new("sh")
         .args(["-c", "trap '' XFSZ; ulimit -f 64; exec \"$0\" \"$@\""])
         .arg(command.get_program())
@@ -155,6 +148,6 @@ fn a_checkpoint_that_does_not_fit_does_not_end_the_run() {
     let text = heard(&out);
     let warnings = text.lines().filter(|l| l.starts_with("warning: ")).count();
     assert!(warnings == 1 && text.contains("run.ckpt"), "{text}");
-    assert!(gsvx::decode(&std::fs::read(dir.path().join("a.gsvx")).unwrap()).is_ok());
-    assert!(!dir.path().join("run.ckpt").exists());
+    assert!(gsvx::decode(&std::fs::read(dir.join("a.gsvx")).unwrap()).is_ok());
+    assert!(!dir.join("run.ckpt").exists());
 }

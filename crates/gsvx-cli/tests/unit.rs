@@ -2,6 +2,7 @@
 
 mod common;
 
+use common::Folder;
 use gs_model::Scene;
 use std::path::Path;
 
@@ -31,17 +32,17 @@ fn ball(background: bool) -> Scene {
 
 #[test]
 fn bytes_estimates_and_pictures_do_not_depend_on_the_unit() {
-    let dir = tempfile::tempdir().unwrap();
-    let [model, stream] = ["model.ply", "a.gsvx"].map(|name| dir.path().join(name));
+    let dir = Folder::new();
+    let [model, stream] = ["model.ply", "a.gsvx"].map(|name| dir.join(name));
     let (room, _) = gs_model::ply::read(common::model()).unwrap();
     let (ball, before) = (ball(false), ball(true));
     for (name, scene) in [("room", room), ("ball", ball), ("ball before a sky", before)] {
         let mut all = Vec::new();
         for scale in [1.0, 1.0 / 1024.0, 1024.0] {
             gs_model::ply::write(&model, &scaled(&scene, scale)).unwrap();
-            let words = ["encode", "@", "-o", "@", "--force", "-q", "50"];
-            let (made, _) = common::report(&words, &[&model, &stream]);
-            let picture = view(dir.path(), &model);
+            let words = "encode @ -o @ --force -q 50";
+            let (made, _) = common::report(words, &[&model, &stream]);
+            let picture = view(&dir, &model);
             let number = |key: &str| made[key].as_f64().unwrap();
             let loss = made["estimated_loss"]["psnr"].as_f64().unwrap();
             all.push((number("bytes"), number("gaussians"), loss, picture));
@@ -61,7 +62,7 @@ fn bytes_estimates_and_pictures_do_not_depend_on_the_unit() {
 /// The first picture of a model without cameras.
 fn view(dir: &Path, model: &Path) -> Vec<u8> {
     let folder = dir.join("views");
-    common::ok(&["render", "@", "--orbit", "1", "--force", "-o", "@"], &[model, &folder]);
+    common::ok("render @ --orbit 1 --force -o @", &[model, &folder]);
     let file = std::fs::read_dir(&folder).unwrap().next().unwrap().unwrap().path();
     let pixels = image::open(file).unwrap().into_rgb8().into_raw();
     std::fs::remove_dir_all(folder).unwrap();
@@ -70,11 +71,11 @@ fn view(dir: &Path, model: &Path) -> Vec<u8> {
 
 #[test]
 fn a_closed_object_is_whole_in_its_first_view() {
-    let dir = tempfile::tempdir().unwrap();
-    let model = dir.path().join("model.ply");
+    let dir = Folder::new();
+    let model = dir.join("model.ply");
     for scale in [0.15, 150.0] {
         gs_model::ply::write(&model, &scaled(&ball(false), scale)).unwrap();
-        let pixels = view(dir.path(), &model);
+        let pixels = view(&dir, &model);
         let [width, height] = finetune::framing::SIZE.map(|edge| edge as usize);
         let edge = (0..width * height).filter(|i| {
             let (x, y) = (i % width, i / width);

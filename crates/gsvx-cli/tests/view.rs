@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{gsvx, one_line, room};
+use common::{Folder, gsvx, one_line, room};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::process::{Child, Stdio};
@@ -57,8 +57,8 @@ impl Drop for View {
 
 #[test]
 fn the_first_camera_and_where_it_is_from_are_said() {
-    let dir = tempfile::tempdir().unwrap();
-    let alone = dir.path().join("alone.ply");
+    let dir = Folder::new();
+    let alone = dir.join("alone.ply");
     std::fs::copy(room().join("point_cloud.ply"), &alone).unwrap();
     let beside = room().join("point_cloud.ply");
     for (model, from) in [(&beside, "of the 32 cameras from"), (&alone, "a circle around")] {
@@ -104,8 +104,7 @@ fn the_page_is_told_the_budget_of_gaussians() {
     let View { page, .. } = &View::of(&["--budget".as_ref(), "500k".as_ref(), &model]);
     assert_eq!(numbers(page, "budget"), [500_000.0]);
     assert!(!View::of(&[&model]).page.contains("budget"));
-    let out = gsvx().args(["view", "--no-open", "--budget", "0"]).arg(&model).output();
-    common::wrong_usage(&out.expect("gsvx starts"), "--budget");
+    common::wrong_usage(&common::run("view --no-open --budget 0 @", &[&model]), "--budget");
 }
 
 /// The numbers of a parameter of the page's address.
@@ -120,8 +119,8 @@ fn the_page_starts_at_the_first_training_camera() {
     // The first one is held out.
     let camera = &views[1].camera;
     let near = |a: &[f64], b: [f64; 3]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-4);
-    let (dir, room) = (tempfile::tempdir().expect("a folder"), room().join("point_cloud.ply"));
-    let alone = dir.path().join("alone.ply");
+    let (dir, room) = (Folder::new(), room().join("point_cloud.ply"));
+    let alone = dir.join("alone.ply");
     std::fs::copy(&room, &alone).expect("a copy");
     // Also those of the second file.
     for files in [&[&*room][..], &[&alone, &room]] {
@@ -134,8 +133,8 @@ fn the_page_starts_at_the_first_training_camera() {
 
 #[test]
 fn without_cameras_the_page_starts_where_an_orbit_does() {
-    let dir = tempfile::tempdir().expect("a folder");
-    let alone = dir.path().join("alone.ply");
+    let dir = Folder::new();
+    let alone = dir.join("alone.ply");
     std::fs::copy(room().join("point_cloud.ply"), &alone).expect("a copy");
     let View { page, .. } = &View::of(&[&alone]);
     let three = |name| <[f64; 3]>::try_from(numbers(page, name)).expect("three numbers");
@@ -145,9 +144,8 @@ fn without_cameras_the_page_starts_where_an_orbit_does() {
     let camera = Camera::looking_at("page".into(), eye, target, up, [640, 480], focal);
     let (scene, _) = gs_model::ply::read(&alone).expect("the model");
     let shown = finetune::render(&scene, &camera, &finetune::RenderOptions::default());
-    let png = dir.path().join("orbit.png");
-    let out = gsvx().arg("render").arg(&alone).args(["--orbit", "1", "-o"]).arg(&png).output();
-    assert!(out.expect("gsvx starts").status.success());
+    let png = dir.join("orbit.png");
+    common::ok("render @ --orbit 1 -o @", &[&alone, &png]);
     let orbit = image::open(&png).expect("the picture").to_rgb8();
     let orbit = finetune::Photo::new(640, 480, orbit.into_raw()).expect("its size");
     let psnr = finetune::metrics::psnr(&shown, &orbit.image());
@@ -228,6 +226,5 @@ fn an_interruption_is_the_end_and_no_error() {
 
 #[test]
 fn a_file_that_is_not_there_is_named() {
-    let out = gsvx().args(["view", "--no-open", "nothing.gsvx"]).output().expect("gsvx starts");
-    one_line(&out, "nothing.gsvx: cannot be read");
+    one_line(&common::run("view --no-open nothing.gsvx", &[]), "nothing.gsvx: cannot be read");
 }

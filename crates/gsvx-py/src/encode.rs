@@ -71,7 +71,7 @@ impl CompressOptions {
 }
 
 /// The stream, and what is to be said of it.
-struct Compressed {
+struct CompressResult {
     outcome: EncodeOutcome,
     rows: Option<Vec<i64>>,
     invalid: usize,
@@ -106,7 +106,7 @@ fn encode(
     options: &CompressOptions,
     cameras: Option<&Cameras>,
     line: &Line,
-) -> Result<Compressed> {
+) -> Result<CompressResult> {
     let (start, input) = (Instant::now(), scene.len());
     // Coded without loss, infinite opacities stay as they are.
     let exact = options.lossless && !options.drop_invalid;
@@ -157,7 +157,7 @@ fn encode(
     warnings.extend(outcome.output.warnings.iter().map(ToString::to_string));
     let rows = std::mem::take(&mut outcome.output.encoded.rows);
     let rows = options.rows.then(|| rows_of_input(&rows, valid.as_deref(), input));
-    Ok(Compressed { outcome, rows, invalid, warnings, seconds: start.elapsed().as_secs_f64() })
+    Ok(CompressResult { outcome, rows, invalid, warnings, seconds: start.elapsed().as_secs_f64() })
 }
 
 fn made(encodes: u64, quality: f32, encoded: &Encoded) -> Event {
@@ -178,7 +178,11 @@ fn rows_of_input(rows: &[u32], valid: Option<&[usize]>, input: usize) -> Vec<i64
     all
 }
 
-fn report<'py>(py: Python<'py>, done: &Compressed, input: usize) -> PyResult<Bound<'py, PyDict>> {
+fn report<'py>(
+    py: Python<'py>,
+    done: &CompressResult,
+    input: usize,
+) -> PyResult<Bound<'py, PyDict>> {
     let out = PyDict::new(py);
     let EncodeOutcome { output, seen, loss, .. } = &done.outcome;
     let encoded = &output.encoded;

@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// What a run returns.
-struct Tuned {
+struct TuneReport {
     outcome: TuneOutcome,
     /// Whether the targets were renders of the model.
     distilled: bool,
@@ -86,9 +86,10 @@ pub(crate) fn tune<'py>(
         |photos: Vec<_>| photos.into_iter().map(PhotoSource::of).collect::<Result<Vec<_>>>();
     let photos = photos.map(photo).transpose()?;
     let target = options.target();
-    let Tuned { outcome, distilled, warnings } = run(py, pool, progress.as_ref(), move |line| {
-        tune_scene(scene, cameras, photos, &options, line)
-    })?;
+    let TuneReport { outcome, distilled, warnings } =
+        run(py, pool, progress.as_ref(), move |line| {
+            tune_scene(scene, cameras, photos, &options, line)
+        })?;
     let TuneOutcome { encoded, outliers, scores, input_scores, quality, steps, seconds, .. } =
         &outcome;
     let bytes = encoded.bytes.len();
@@ -163,7 +164,7 @@ fn tune_scene(
     photos: Option<Vec<PhotoSource>>,
     options: &TuneDict,
     line: &Line,
-) -> Result<Tuned> {
+) -> Result<TuneReport> {
     let limits = scene.clamp_limits();
     if options.drop_invalid {
         scene.drop_invalid();
@@ -196,7 +197,7 @@ fn tune_scene(
         line.tell(event(p));
     })?;
     line.check()?;
-    Ok(Tuned { outcome, distilled, warnings })
+    Ok(TuneReport { outcome, distilled, warnings })
 }
 
 /// Photos that Python gives, at their cameras.

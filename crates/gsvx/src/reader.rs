@@ -33,7 +33,7 @@ mod held;
 use crate::decoded_chunk::DecodedChunk;
 use crate::error::Result;
 use crate::head::{Index, head_len};
-use held::Held;
+use held::HeldChunk;
 use std::ops::Range;
 
 /// Bytes of a stream's start that are asked for first: the heads of scenes up to some million
@@ -52,7 +52,7 @@ pub struct Reader {
     layers: Vec<Vec<Buffer>>,
     decoded: DecodedChunk,
     /// What of which chunk is decoded.
-    held: Option<Held>,
+    held: Option<HeldChunk>,
     max_gaussians: Option<u64>,
 }
 

@@ -88,7 +88,7 @@ fn has_colours(scene: &Scene, views: &[TrainView]) -> bool {
 }
 
 /// A photo at its camera.
-struct Read {
+struct ReadPhoto {
     view: TrainView,
     masked: bool,
 }
@@ -245,7 +245,7 @@ pub fn photo(camera: &Camera, file: &Path) -> Result<TrainView> {
     read(camera, file).map(|read| read.view)
 }
 
-fn read(camera: &Camera, file: &Path) -> Result<Read> {
+fn read(camera: &Camera, file: &Path) -> Result<ReadPhoto> {
     let bad = |reason: String| Error::Photo { file: file.into(), reason };
     // An image error repeats its own cause.
     let (image, orientation) =
@@ -254,7 +254,7 @@ fn read(camera: &Camera, file: &Path) -> Result<Read> {
     let (width, height) = (image.width(), image.height());
     let (rgb, masked) = on_black(image);
     let view = at_camera(camera, Photo { width, height, rgb }).map_err(bad)?;
-    Ok(Read { view, masked })
+    Ok(ReadPhoto { view, masked })
 }
 
 /// A photo at its camera, which is scaled to the photo's size. If the camera has a lens, its distortion is undone.

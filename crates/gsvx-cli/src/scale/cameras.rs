@@ -1,10 +1,10 @@
 //! What cameras see of a scene, tile by tile: of each tile from the cameras that can see it, with nothing else in front.
 
 use super::inputs::changed;
-use super::thinned::Thinned;
+use super::thinned::ThinnedModel;
 use crate::exit::note;
 use crate::photos;
-use crate::views::{self, Origin, Placed, Read};
+use crate::views::{self, Origin, PlacedCameras, ReadViews};
 use anyhow::Result;
 use finetune::Visibility;
 use gs_model::{Camera, Scene, View};
@@ -34,9 +34,9 @@ pub(crate) struct PlanCameras {
 impl PlanCameras {
     /// Reads the cameras of a scene folder or of a camera file.
     pub(crate) fn read(path: &Path) -> Result<Self> {
-        let Read { views, origin } = views::training(path, [0.0; 3])?;
-        let read = Read { views: views.clone(), origin };
-        let Placed { cameras, origin } = views::as_pinholes(path, read)?;
+        let ReadViews { views, origin } = views::training(path, [0.0; 3])?;
+        let read = ReadViews { views: views.clone(), origin };
+        let PlacedCameras { cameras, origin } = views::as_pinholes(path, read)?;
         Ok(Self { path: path.into(), views, cameras, origin })
     }
 
@@ -56,7 +56,7 @@ impl PlanCameras {
     ///
     /// # Errors
     /// If what the cameras do not see would be lost.
-    pub(super) fn photos_differ(&self, model: Thinned, choices: Choices) -> Result<bool> {
+    pub(super) fn photos_differ(&self, model: ThinnedModel, choices: Choices) -> Result<bool> {
         let model = model.scene();
         let moved = |view: &View| View {
             camera: view.camera.clone().relative_to(model.origin),

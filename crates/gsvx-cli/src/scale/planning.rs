@@ -5,7 +5,7 @@ use super::inputs::{SceneFile, progress};
 use super::plan_file::PlanFile;
 use super::rows::TileRows;
 use super::scratch::Scratch;
-use super::thinned::Thinned;
+use super::thinned::ThinnedModel;
 use crate::content::SceneArgs;
 use crate::input::name;
 use crate::progress::Meter;
@@ -35,7 +35,7 @@ pub(crate) fn survey(
     let mut means = BufWriter::with_capacity(1 << 20, scratch.begin(MEANS)?);
     let bar = progress("survey", inputs.iter());
     let mut first: Option<Scene> = None;
-    let mut few = Thinned::default();
+    let mut few = ThinnedModel::default();
     for input in &mut inputs {
         let path = input.path.clone();
         // What lossy coding cannot hold is refused by its number in the file.

@@ -1,4 +1,4 @@
-//! [`Thinned`]: a scene that fits in memory instead of one that does not, to compare photos with.
+//! [`ThinnedModel`]: a scene that fits in memory instead of one that does not, to compare photos with.
 
 use gs_model::Scene;
 
@@ -7,7 +7,7 @@ const MOST: usize = 1 << 18;
 
 /// Every so many Gaussians of a scene that is read in pieces, larger by as much as they are fewer, without view dependence.
 #[derive(Debug)]
-pub(super) struct Thinned {
+pub(super) struct ThinnedModel {
     kept: Scene,
     /// One Gaussian in this many is kept.
     step: usize,
@@ -16,13 +16,13 @@ pub(super) struct Thinned {
     most: usize,
 }
 
-impl Default for Thinned {
+impl Default for ThinnedModel {
     fn default() -> Self {
         Self { kept: Scene::default(), step: 1, skipped: 0, most: MOST }
     }
 }
 
-impl Thinned {
+impl ThinnedModel {
     pub(super) fn add(&mut self, piece: &Scene) {
         let chosen: Vec<usize> = (self.skipped..piece.len()).step_by(self.step).collect();
         self.skipped += chosen.len() * self.step;
@@ -53,7 +53,7 @@ mod tests {
     fn the_same_gaussians_are_kept_whatever_the_pieces() {
         let whole = testing::trained_like(1000, 1, &mut testing::Rng::seeded(3));
         let thinned = |piece: usize| {
-            let mut few = Thinned { most: 100, ..Thinned::default() };
+            let mut few = ThinnedModel { most: 100, ..ThinnedModel::default() };
             for first in (0..whole.len()).step_by(piece) {
                 let indices: Vec<usize> = (first..whole.len().min(first + piece)).collect();
                 few.add(&whole.select(&indices));

@@ -1,6 +1,6 @@
 //! The camera at which the viewer page starts.
 
-use crate::input::{self, Opened};
+use crate::input::{self, OpenedInput};
 use crate::output::counted;
 use crate::views;
 use finetune::framing::{self, Constraints};
@@ -66,8 +66,8 @@ impl Start {
 /// A model, or a level of detail of a stream.
 fn scene(file: &Path) -> Option<Scene> {
     let bytes = match input::lenient(file).ok()? {
-        Opened::Model(loaded) => return Some(loaded.scene),
-        Opened::Stream(bytes) => bytes,
+        OpenedInput::Model(loaded) => return Some(loaded.scene),
+        OpenedInput::Stream(bytes) => bytes,
     };
     let index = gsvx::Index::parse(&bytes).ok()?;
     let count = |lod| index.chunks_of_lod(lod).map(|i| index.chunks[i].count).sum::<u64>();

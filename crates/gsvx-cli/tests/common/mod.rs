@@ -1,7 +1,7 @@
 //! The command, the models it is run on, and what is said of a run.
 #![allow(dead_code, reason = "each test file uses its own part")]
 
-use std::ffi::OsString;
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, SystemTime};
@@ -24,31 +24,51 @@ pub(crate) fn scene() -> gs_model::Scene {
     scene.select(&(0..400).collect::<Vec<_>>())
 }
 
-/// A file of [`scene`] in `dir`.
-pub(crate) fn small(dir: &Path) -> PathBuf {
-    let path = dir.join("small.ply");
-    gs_model::ply::write(&path, &scene()).unwrap();
-    path
+/// A folder that is gone when the test ends.
+pub(crate) struct Folder(tempfile::TempDir);
+
+impl Folder {
+    pub(crate) fn new() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+
+    /// A file of [`scene`].
+    pub(crate) fn small(&self) -> PathBuf {
+        let path = self.join("small.ply");
+        gs_model::ply::write(&path, &scene()).unwrap();
+        path
+    }
 }
 
-/// Runs the command; each `@` of `words` stands for the next of `paths`.
-pub(crate) fn run(words: &[&str], paths: &[&Path]) -> Output {
-    gsvx().args(filled(words, paths)).output().unwrap()
+impl std::ops::Deref for Folder {
+    type Target = Path;
+
+    fn deref(&self) -> &Path {
+        self.0.path()
+    }
 }
 
-fn filled(words: &[&str], paths: &[&Path]) -> Vec<OsString> {
+/// The command with the words of `line`; each `@` stands for the next of `paths`.
+pub(crate) fn command(line: &str, paths: &[&Path]) -> Command {
     let mut paths = paths.iter();
-    let word = |&w: &&str| match w {
-        "@" => paths.next().expect("a path per @").as_os_str().to_owned(),
-        word => word.into(),
+    let word = |word| match word {
+        "@" => paths.next().expect("a path per @").as_os_str(),
+        word => OsStr::new(word),
     };
-    words.iter().map(word).collect()
+    let mut command = gsvx();
+    command.args(line.split(' ').map(word));
+    command
+}
+
+/// Runs [`command`].
+pub(crate) fn run(line: &str, paths: &[&Path]) -> Output {
+    command(line, paths).output().unwrap()
 }
 
 /// What a run that succeeded says on standard output.
 #[track_caller]
-pub(crate) fn ok(words: &[&str], paths: &[&Path]) -> String {
-    said(&run(words, paths))
+pub(crate) fn ok(line: &str, paths: &[&Path]) -> String {
+    said(&run(line, paths))
 }
 
 /// What a run that succeeded has said on standard output.
@@ -65,22 +85,21 @@ pub(crate) fn heard(out: &Output) -> String {
 
 /// The report of a run that succeeded, and what it said on standard error.
 #[track_caller]
-pub(crate) fn report(words: &[&str], paths: &[&Path]) -> (serde_json::Value, String) {
-    let out = run(&[words, &["--json"]].concat(), paths);
+pub(crate) fn report(line: &str, paths: &[&Path]) -> (serde_json::Value, String) {
+    let out = run(&format!("{line} --json"), paths);
     (serde_json::from_str(&said(&out)).unwrap(), heard(&out))
 }
 
 /// The report of a run that succeeded.
 #[track_caller]
-pub(crate) fn json(words: &[&str], paths: &[&Path]) -> serde_json::Value {
-    report(words, paths).0
+pub(crate) fn json(line: &str, paths: &[&Path]) -> serde_json::Value {
+    report(line, paths).0
 }
 
 /// Runs the command with this on standard input.
-pub(crate) fn piped(words: &[&str], input: &[u8]) -> Output {
+pub(crate) fn piped(line: &str, input: &[u8]) -> Output {
     use std::io::Write;
-    let mut child = gsvx()
-        .args(words)
+    let mut child = command(line, &[])
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
@@ -97,10 +116,9 @@ pub(crate) fn piped(words: &[&str], input: &[u8]) -> Output {
 /// Starts the command and interrupts it once `ready`. It must not end before.
 #[cfg(unix)]
 #[track_caller]
-pub(crate) fn interrupted(words: &[&str], paths: &[&Path], ready: impl Fn() -> bool) -> Output {
-    let mut command = gsvx();
-    command.args(filled(words, paths)).stdout(Stdio::piped()).stderr(Stdio::piped());
-    let mut child = command.spawn().unwrap();
+pub(crate) fn interrupted(line: &str, paths: &[&Path], ready: impl Fn() -> bool) -> Output {
+    let mut command = command(line, paths);
+    let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     while !ready() {
         assert!(child.try_wait().unwrap().is_none(), "ended before it was interrupted");
         std::thread::sleep(Duration::from_millis(1));

@@ -22,7 +22,7 @@ mod place;
 mod steps;
 
 use errors::{largest_ratios, ratios};
-use place::{Placed, place};
+use place::{PlacedLeaves, place};
 
 /// After this many encodes, Gaussians that break a bound are coded exactly: finer steps no longer help.
 const MAX_STEP_UPDATES: usize = 6;
@@ -77,7 +77,7 @@ fn rows(order: &[usize], exact: &[bool]) -> Vec<u32> {
 /// Encodes the Gaussians at the centres of their leaves, and the exact ones.
 fn encode_once(
     scene: &Scene,
-    placed: &Placed,
+    placed: &PlacedLeaves,
     exact: &[bool],
     steps: &Steps,
     options: &CodeOptions,

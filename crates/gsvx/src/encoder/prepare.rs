@@ -11,7 +11,7 @@ use super::outliers::split_outliers;
 use super::source::{GaussianSource, Whole};
 use super::strategy::j_high;
 use super::survey::Survey;
-use super::tiled::{self, TileRules, Tiled};
+use super::tiled::{self, TileRules, TiledLeaves};
 use crate::error::{Error, Result};
 use crate::head::Steps;
 use crate::importance;
@@ -91,7 +91,7 @@ fn encode_leaves(
     (steps, code): (&Steps, &CodeOptions),
 ) -> Result<Encoded> {
     let outliers = input.take_out(split.as_ref())?;
-    let Tiled { voxels, importance, shared } = input.voxelize(quality, prepare)?;
+    let TiledLeaves { voxels, importance, shared } = input.voxelize(quality, prepare)?;
     let gaussians = input.scene.len() as u64;
     let whole = shared.as_ref().map(|shared| Whole {
         tiles: lod::LodTiles::new(&shared.tiles, shared.tiles.len() > 1, gaussians, code),
@@ -141,7 +141,7 @@ pub fn prepare(
     let mut input = Input::lossy(scene, importance, quality, options)?;
     let split = split_outliers(&input.scene, &input.survey)?;
     let outliers = input.take_out(split.as_ref())?;
-    let Tiled { voxels, importance: weights, .. } = input.voxelize(quality, options)?;
+    let TiledLeaves { voxels, importance: weights, .. } = input.voxelize(quality, options)?;
     let importance = voxels.sums(&weights);
     let weights = Importance::Given(weights);
     let scene = voxel::Merging::new(&input.scene, &voxels, Merge::Moments, &weights)?.scene();
@@ -230,7 +230,7 @@ impl<'a> Input<'a> {
     }
 
     /// The leaves, and the importance of each Gaussian.
-    fn voxelize(&mut self, quality: f32, options: &PrepareOptions) -> Result<Tiled> {
+    fn voxelize(&mut self, quality: f32, options: &PrepareOptions) -> Result<TiledLeaves> {
         let from = ImportanceFrom::of(self.importance.is_some(), options.drop_unseen);
         let cube = self.survey.cube();
         let depth = j_high(self.survey.median_log_scale(), &cube);

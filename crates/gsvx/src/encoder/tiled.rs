@@ -41,7 +41,7 @@ pub(crate) struct TileRules {
 }
 
 /// A voxelized scene.
-pub(crate) struct Tiled {
+pub(crate) struct TiledLeaves {
     pub(crate) voxels: Voxelization,
     /// Of each Gaussian.
     pub(crate) importance: Vec<f32>,
@@ -91,7 +91,11 @@ impl TileRules {
 }
 
 /// The leaves of a scene in memory.
-pub(crate) fn voxelize(scene: &Scene, given: Option<Vec<f32>>, rules: &TileRules) -> Result<Tiled> {
+pub(crate) fn voxelize(
+    scene: &Scene,
+    given: Option<Vec<f32>>,
+    rules: &TileRules,
+) -> Result<TiledLeaves> {
     let cut = Cut::new(scene, rules)?;
     let importance = given.unwrap_or_else(|| cut.guessed());
     cut.voxelize(importance, rules)
@@ -162,7 +166,7 @@ impl<'a> Cut<'a> {
     }
 
     /// The leaves of all tiles.
-    fn voxelize(&self, importance: Vec<f32>, rules: &TileRules) -> Result<Tiled> {
+    fn voxelize(&self, importance: Vec<f32>, rules: &TileRules) -> Result<TiledLeaves> {
         let sampled = if rules.whole() { Vec::new() } else { sample(self.tiles.len()) };
         let sums = |&t: &usize| rules.sums(&self.part(t), &self.values(t, &importance));
         let sums: Vec<Result<WeightSums>> = sampled.par_iter().map(sums).collect();
@@ -179,7 +183,7 @@ impl<'a> Cut<'a> {
             let voxels = voxelized.remove(0)?;
             let mean_importance = Mean::of(&voxels.sums(&importance)).value();
             let shared = Shared { tiles: vec![(0, self.tiles.codes(0))], mean_importance };
-            return Ok(Tiled { voxels, importance, shared: sum.map(|_| shared) });
+            return Ok(TiledLeaves { voxels, importance, shared: sum.map(|_| shared) });
         }
         let mut voxels = Voxelization::empty(rules.cube, rules.depth)?;
         let (mut tiles, mut mean) = (Vec::new(), Mean::default());
@@ -192,7 +196,7 @@ impl<'a> Cut<'a> {
             voxels.append(&tile, &self.members[t])?;
         }
         let shared = Shared { tiles, mean_importance: mean.value() };
-        Ok(Tiled { voxels, importance, shared: Some(shared) })
+        Ok(TiledLeaves { voxels, importance, shared: Some(shared) })
     }
 }
 

@@ -5,7 +5,7 @@ use super::layout::{self, MEANS};
 use super::means::Means;
 use super::predictor::ColumnPredictor;
 use super::{
-    Coded, Column, MAX_PART, MORTON_ORDER, OWN_ORDER, RAW, index_bits, neighbours, part_bounds,
+    Column, MAX_PART, MORTON_ORDER, OWN_ORDER, PartBits, RAW, index_bits, neighbours, part_bounds,
     rows,
 };
 use crate::bytes::SliceReader;
@@ -127,13 +127,13 @@ impl Head {
     }
 
     /// The Gaussians of one part, of `n` in all, and their indices if they are coded.
-    fn decode_part(&self, block: &[u8], count: usize, n: usize) -> Result<(Coded, Vec<u32>)> {
+    fn decode_part(&self, block: &[u8], count: usize, n: usize) -> Result<(PartBits, Vec<u32>)> {
         check_limit(count as u64, block.len(), 64)?;
         let what = "a part of exact Gaussians";
         let short = || Error::Truncated { what, offset: block.len() as u64, need: 1, have: 0 };
         let mut coder = RansDecoder::new(block).map_err(coding(what))?;
         let width = self.columns.len();
-        let mut coded = Coded { bits: vec![0; count * width], ..Default::default() };
+        let mut coded = PartBits { bits: vec![0; count * width], ..Default::default() };
         let means = Means { column: &self.columns[0], least: self.least, below: self.below };
         if !means.code(&mut coder, &mut coded, count, width, &[]) {
             return Err(short());

@@ -6,7 +6,7 @@ use super::layout::{self, MEANS};
 use super::means::Means;
 use super::neighbours::{self, NearRows};
 use super::{
-    Coded, Column, MAX_PART, MORTON_ORDER, OWN_ORDER, RAW, column, index_bits, part_bounds, rows,
+    Column, MAX_PART, MORTON_ORDER, OWN_ORDER, PartBits, RAW, column, index_bits, part_bounds, rows,
 };
 use crate::bytes::Writer;
 use gpcc_lite::coder::{Coder, RansEncoder};
@@ -193,7 +193,7 @@ fn encode_part(
 ) -> RansEncoder {
     let bits = layout::gather_rows(scene, order);
     let mut coder = RansEncoder::default();
-    let mut coded = Coded { bits: vec![0; bits.len()], ..Default::default() };
+    let mut coded = PartBits { bits: vec![0; bits.len()], ..Default::default() };
     means.code(&mut coder, &mut coded, order.len(), columns.len(), &bits);
     rows::code(&mut coder, columns, near, &bits, &mut coded);
     coder

@@ -3,7 +3,7 @@
 use super::column::{CELLS, Cell};
 use super::layout::MEANS;
 use super::tail::{MEMORY, Tail};
-use super::{Coded, Column};
+use super::{Column, PartBits};
 use gpcc_lite::coder::Coder;
 use gpcc_lite::model::Bit;
 
@@ -32,7 +32,7 @@ impl Means<'_> {
     pub(super) fn code<C: Coder>(
         &self,
         coder: &mut C,
-        coded: &mut Coded,
+        coded: &mut PartBits,
         rows: usize,
         width: usize,
         given: &[u32],

@@ -53,7 +53,7 @@ struct Column {
 
 /// What a decoded part is made of.
 #[derive(Debug, Default)]
-struct Coded {
+struct PartBits {
     /// Cell indices of the means, by column.
     means: Vec<Vec<i32>>,
     /// Bit patterns, one row of all columns per Gaussian.

@@ -7,7 +7,7 @@ use super::neighbours::{NEIGHBOURS, NearRows};
 use super::predictor::NEIGHBOUR_BITS;
 use super::residual::{Expect, Models, level};
 use super::tail::{MEMORY, Tail};
-use super::{Coded, Column};
+use super::{Column, PartBits};
 use gpcc_lite::coder::Coder;
 use gpcc_lite::model::Bit;
 
@@ -21,7 +21,7 @@ pub(super) fn code<C: Coder>(
     columns: &[Column],
     near: &NearRows,
     given: &[u32],
-    coded: &mut Coded,
+    coded: &mut PartBits,
 ) -> bool {
     let width = columns.len();
     let mut rows = Rows::new(columns, near, given);

@@ -1,7 +1,7 @@
 //! The chunk that a reader holds decoded: its Gaussians are taken in blocks, and further layers are added
 //! to it without those before being decoded again.
 //!
-//! Invariant: what is held is what the first [`Held::layers`] layers of one chunk say. A layer that cannot
+//! Invariant: what is held is what the first [`HeldChunk::layers`] layers of one chunk say. A layer that cannot
 //! be decoded leaves what is held as it was.
 
 use super::Reader;
@@ -15,7 +15,7 @@ use std::ops::Range;
 
 /// What is decoded of a chunk.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Held {
+pub(super) struct HeldChunk {
     chunk: usize,
     layers: usize,
 }
@@ -53,7 +53,7 @@ impl Reader {
             }
             verify(bytes, chunk, number, layer)?;
             self.decoded.layer(index, chunk, number, bytes)?;
-            self.held = Some(Held { chunk, layers: number + 1 });
+            self.held = Some(HeldChunk { chunk, layers: number + 1 });
         }
         Ok(self.held_len())
     }

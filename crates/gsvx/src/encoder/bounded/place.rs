@@ -9,7 +9,7 @@ use gs_model::Scene;
 use rayon::prelude::*;
 
 /// Gaussians with a leaf each.
-pub(super) struct Placed {
+pub(super) struct PlacedLeaves {
     /// Their numbers in the scene, in the order of the leaves.
     pub(super) order: Vec<usize>,
     pub(super) octree: Octree,
@@ -21,7 +21,7 @@ pub(super) fn place(
     scene: &Scene,
     exact: &mut [bool],
     bounds: &MaxError,
-) -> Result<Option<Placed>> {
+) -> Result<Option<PlacedLeaves>> {
     loop {
         let inside: Vec<usize> = (0..scene.len()).filter(|&i| !exact[i]).collect();
         if inside.is_empty() {
@@ -61,7 +61,7 @@ fn with_leaves(
     cube: Cube,
     sorted: &[(u64, usize)],
     bounds: &MaxError,
-) -> Result<Placed> {
+) -> Result<PlacedLeaves> {
     let apart = |k: usize| {
         // Codes differ, and their highest bits are those of the coarsest level.
         let shared = (sorted[k].0 ^ sorted[k + 1].0).leading_zeros() as u8;
@@ -84,5 +84,5 @@ fn with_leaves(
     };
     let leaves = sorted.iter().zip(&depths).map(leaf).collect();
     let octree = Octree::new(cube, finest, leaves).map_err(coding("geometry"))?;
-    Ok(Placed { order: sorted.iter().map(|s| s.1).collect(), octree })
+    Ok(PlacedLeaves { order: sorted.iter().map(|s| s.1).collect(), octree })
 }
