@@ -2,13 +2,32 @@
 
 use crate::error::{Error, Result};
 
-/// Appends `v` in base 128, low digits first. The high bit of a byte says that more bytes follow.
-pub(crate) fn put_varint(out: &mut Vec<u8>, mut v: u64) {
+/// Appends `v` in base 128 (LEB128), low digits first. The high bit of a byte says that more bytes follow.
+pub fn put_varint(out: &mut Vec<u8>, mut v: u64) {
     while v >= 0x80 {
         out.push((v as u8) | 0x80);
         v >>= 7;
     }
     out.push(v as u8);
+}
+
+/// The number that [`put_varint`] wrote, of whose bytes `next` gives one after the other; `None` if 64 bits do not hold it.
+///
+/// # Errors
+/// Those of `next`.
+pub fn varint<E>(mut next: impl FnMut() -> Result<u8, E>) -> Result<Option<u64>, E> {
+    let mut v = 0u64;
+    for shift in (0..64).step_by(7) {
+        let byte = next()?;
+        if shift == 63 && byte > 1 {
+            break;
+        }
+        v |= u64::from(byte & 0x7f) << shift;
+        if byte & 0x80 == 0 {
+            return Ok(Some(v));
+        }
+    }
+    Ok(None)
 }
 
 /// Reads a stream front to back; every read is checked.
@@ -38,18 +57,7 @@ impl<'a> ByteReader<'a> {
     }
 
     pub(crate) fn varint(&mut self, what: &'static str) -> Result<u64> {
-        let mut v = 0u64;
-        for shift in (0..64).step_by(7) {
-            let b = self.u8(what)?;
-            if shift == 63 && b > 1 {
-                break;
-            }
-            v |= u64::from(b & 0x7f) << shift;
-            if b & 0x80 == 0 {
-                return Ok(v);
-            }
-        }
-        Err(Error::Corrupt { what, offset: self.pos })
+        varint(|| self.u8(what))?.ok_or(Error::Corrupt { what, offset: self.pos })
     }
 
     pub(crate) fn bytes(&mut self, n: u64, what: &'static str) -> Result<&'a [u8]> {

@@ -57,6 +57,7 @@ pub mod raht;
 pub mod rlgr;
 mod symbols;
 
+pub use bytes::{put_varint, varint};
 pub use cube::{Cube, Grid};
 pub use error::{Error, Result};
 pub use leaf::Leaf;

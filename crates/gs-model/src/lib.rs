@@ -106,7 +106,7 @@ pub use limits::{CLAMPED_OPACITY_LOGIT, Limits, is_point};
 pub use order::morton_order;
 #[cfg(feature = "files")]
 pub use report::{FileAxes, Invalid, ReadOptions, Report};
-pub use scene::{LEAST_DRAWN_LOGIT, SH_C0, Scene, sh_len};
+pub use scene::{LEAST_DRAWN_LOGIT, SH_C0, Scene, SceneMut, sh_len};
 
 // The README's example is a test too.
 #[cfg(all(doctest, feature = "files"))]

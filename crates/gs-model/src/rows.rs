@@ -10,7 +10,7 @@ use std::path::Path;
 use rayon::prelude::*;
 
 use crate::error::{Error, Result};
-use crate::scene::{Scene, sh_len};
+use crate::scene::{Scene, SceneMut, sh_len};
 
 /// First SH number of a row in scene order.
 pub(crate) const SH: usize = 11;
@@ -23,26 +23,11 @@ pub(crate) const fn row_len(sh_degree: u8) -> usize {
 /// Rows per task: about 250 kB of a file of SH degree 3, enough to make the cost of a task negligible.
 const ROWS_PER_TASK: usize = 1024;
 
-/// Some consecutive Gaussians of a scene under construction.
-pub(crate) struct SceneRows<'a> {
-    /// Index of the first one.
-    pub(crate) first: usize,
-    means: &'a mut [[f32; 3]],
-    rotations: &'a mut [[f32; 4]],
-    log_scales: &'a mut [[f32; 3]],
-    opacity_logits: &'a mut [f32],
-    sh: &'a mut [[f32; 3]],
-}
-
-impl SceneRows<'_> {
-    pub(crate) fn len(&self) -> usize {
-        self.means.len()
-    }
-
-    /// Sets Gaussian `first + i` from the numbers of its row; `get(c)` is number `c` in scene order.
+impl SceneMut<'_> {
+    /// Sets Gaussian `i` from the numbers of its row; `get(c)` is number `c` in scene order.
     #[inline]
     pub(crate) fn set(&mut self, i: usize, get: impl Fn(usize) -> f32) {
-        let k = self.sh.len() / self.means.len();
+        let k = self.sh_len();
         self.means[i] = [get(0), get(1), get(2)];
         self.rotations[i] = [get(3), get(4), get(5), get(6)];
         self.log_scales[i] = [get(7), get(8), get(9)];
@@ -54,7 +39,32 @@ impl SceneRows<'_> {
     }
 }
 
-/// A scene of `n` Gaussians, filled by `fill` in parallel over disjoint runs of rows.
+impl Scene {
+    /// The Gaussians of a range in parts of `rows`, for several threads, each with the index of its first one.
+    ///
+    /// # Panics
+    /// If the range exceeds the scene.
+    pub fn par_parts_mut(
+        &mut self,
+        range: Range<usize>,
+        rows: usize,
+    ) -> impl IndexedParallelIterator<Item = (usize, SceneMut<'_>)> {
+        let k = self.sh_len();
+        self.means[range.clone()]
+            .par_chunks_mut(rows)
+            .zip(self.rotations[range.clone()].par_chunks_mut(rows))
+            .zip(self.log_scales[range.clone()].par_chunks_mut(rows))
+            .zip(self.opacity_logits[range.clone()].par_chunks_mut(rows))
+            .zip(self.sh[range.start * k..range.end * k].par_chunks_mut(rows * k))
+            .enumerate()
+            .map(move |(part, ((((means, rotations), log_scales), opacity_logits), sh))| {
+                let part_of = SceneMut { means, rotations, log_scales, opacity_logits, sh };
+                (range.start + part * rows, part_of)
+            })
+    }
+}
+
+/// A scene of `n` Gaussians, filled by `fill` in parallel over disjoint runs of rows, each with the index of its first.
 ///
 /// The caller has checked that the input is long enough to hold `n` rows, which bounds the
 /// allocation. Of several errors, the one of the first rows is returned. `file` is for the message where there is no
@@ -63,7 +73,7 @@ pub(crate) fn scene(
     file: &Path,
     n: usize,
     sh_degree: u8,
-    fill: impl Fn(SceneRows) -> Result<()> + Sync,
+    fill: impl Fn(usize, SceneMut<'_>) -> Result<()> + Sync,
 ) -> Result<Scene> {
     let mut scene = zeros(file, n, sh_degree)?;
     fill_range(&mut scene, 0..n, fill)?;
@@ -79,9 +89,9 @@ pub(crate) fn scene_of<R: Fn(usize) -> f32>(
     sh_degree: u8,
     row: impl Fn(usize) -> R + Sync,
 ) -> Result<Scene> {
-    scene(file, n, sh_degree, |mut rows| {
+    scene(file, n, sh_degree, |first, mut rows| {
         for i in 0..rows.len() {
-            rows.set(i, row(rows.first + i));
+            rows.set(i, row(first + i));
         }
         Ok(())
     })
@@ -95,21 +105,10 @@ fn zeros(file: &Path, n: usize, sh_degree: u8) -> Result<Scene> {
 pub(crate) fn fill_range(
     scene: &mut Scene,
     range: Range<usize>,
-    fill: impl Fn(SceneRows) -> Result<()> + Sync,
+    fill: impl Fn(usize, SceneMut<'_>) -> Result<()> + Sync,
 ) -> Result<()> {
-    let k = scene.sh_len();
-    let outcomes: Vec<Result<()>> = scene.means[range.clone()]
-        .par_chunks_mut(ROWS_PER_TASK)
-        .zip(scene.rotations[range.clone()].par_chunks_mut(ROWS_PER_TASK))
-        .zip(scene.log_scales[range.clone()].par_chunks_mut(ROWS_PER_TASK))
-        .zip(scene.opacity_logits[range.clone()].par_chunks_mut(ROWS_PER_TASK))
-        .zip(scene.sh[range.start * k..range.end * k].par_chunks_mut(ROWS_PER_TASK * k))
-        .enumerate()
-        .map(|(task, ((((means, rotations), log_scales), opacity_logits), sh))| {
-            let first = range.start + task * ROWS_PER_TASK;
-            fill(SceneRows { first, means, rotations, log_scales, opacity_logits, sh })
-        })
-        .collect();
+    let parts = scene.par_parts_mut(range, ROWS_PER_TASK);
+    let outcomes: Vec<Result<()>> = parts.map(|(first, rows)| fill(first, rows)).collect();
     outcomes.into_iter().collect()
 }
 
@@ -121,7 +120,7 @@ mod tests {
     fn rows_that_no_memory_holds_are_an_error_that_counts_them() {
         // On 32 bits no claim is larger.
         const CLAIM: usize = if usize::BITS > 32 { usize::MAX >> 24 } else { usize::MAX };
-        let fill = |_: SceneRows<'_>| unreachable!("there are no rows");
+        let fill = |_, _: SceneMut<'_>| unreachable!("there are no rows");
         let error = scene(Path::new("a.ply"), CLAIM, 3, fill).unwrap_err();
         assert_eq!(error.to_string(), format!("a.ply: no memory for its {CLAIM} Gaussians"));
     }

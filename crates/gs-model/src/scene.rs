@@ -1,4 +1,4 @@
-//! [`Scene`]: a trained 3DGS model as a struct of arrays, and [`Field`]: one of them.
+//! [`Scene`]: a trained 3DGS model as a struct of arrays, [`SceneMut`]: a part of it, and [`Field`]: one of the arrays.
 
 use std::collections::TryReserveError;
 use std::fmt;
@@ -271,6 +271,88 @@ impl Scene {
             opacity_logits: self.opacity_logits.split_off(at),
             sh: self.sh.split_off(at * self.sh_len()),
             ..self.emptied(self.sh_degree)
+        }
+    }
+}
+
+/// The arrays of consecutive Gaussians of a scene, to be filled in.
+#[derive(Debug)]
+pub struct SceneMut<'a> {
+    /// Means, world units.
+    pub means: &'a mut [[f32; 3]],
+    /// Quaternions, w first.
+    pub rotations: &'a mut [[f32; 4]],
+    /// Natural logarithms of the standard deviations.
+    pub log_scales: &'a mut [[f32; 3]],
+    /// Opacities before the sigmoid.
+    pub opacity_logits: &'a mut [f32],
+    /// SH coefficients, the same number for each Gaussian.
+    pub sh: &'a mut [[f32; 3]],
+}
+
+impl<'a> SceneMut<'a> {
+    /// All Gaussians of a scene.
+    pub fn of(scene: &'a mut Scene) -> Self {
+        let Scene { means, rotations, log_scales, opacity_logits, sh, .. } = scene;
+        Self { means, rotations, log_scales, opacity_logits, sh }
+    }
+
+    /// Number of Gaussians.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.means.len()
+    }
+
+    /// True without a Gaussian.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.means.is_empty()
+    }
+
+    /// SH coefficients of each Gaussian; 0 without a Gaussian.
+    #[must_use]
+    pub fn sh_len(&self) -> usize {
+        self.sh.len() / self.len().max(1)
+    }
+
+    /// The first `n` and the others.
+    ///
+    /// # Panics
+    /// If there are fewer than `n`.
+    #[must_use]
+    pub fn split_at(self, n: usize) -> (Self, Self) {
+        let sh_len = self.sh_len();
+        let (means, means_rest) = self.means.split_at_mut(n);
+        let (rotations, rotations_rest) = self.rotations.split_at_mut(n);
+        let (log_scales, log_scales_rest) = self.log_scales.split_at_mut(n);
+        let (opacity_logits, opacity_logits_rest) = self.opacity_logits.split_at_mut(n);
+        let (sh, sh_rest) = self.sh.split_at_mut(n * sh_len);
+        let rest = Self {
+            means: means_rest,
+            rotations: rotations_rest,
+            log_scales: log_scales_rest,
+            opacity_logits: opacity_logits_rest,
+            sh: sh_rest,
+        };
+        (Self { means, rotations, log_scales, opacity_logits, sh }, rest)
+    }
+
+    /// Copies as many Gaussians from `first` on; coefficients beyond those of `scene` become 0.
+    ///
+    /// # Panics
+    /// If `scene` has fewer.
+    pub fn copy_from(&mut self, scene: &Scene, first: usize) {
+        let range = first..first + self.len();
+        self.means.copy_from_slice(&scene.means[range.clone()]);
+        self.rotations.copy_from_slice(&scene.rotations[range.clone()]);
+        self.log_scales.copy_from_slice(&scene.log_scales[range.clone()]);
+        self.opacity_logits.copy_from_slice(&scene.opacity_logits[range.clone()]);
+        let sh_len = self.sh_len();
+        for (out, i) in self.sh.chunks_exact_mut(sh_len.max(1)).zip(range) {
+            let from = scene.sh_of(i);
+            let common = from.len().min(sh_len);
+            out[..common].copy_from_slice(&from[..common]);
+            out[common..].fill([0.0; 3]);
         }
     }
 }

@@ -33,12 +33,8 @@ impl Writer {
     }
 
     /// LEB128: seven bits per byte, least significant first, high bit = more follow.
-    pub(crate) fn varint(&mut self, mut v: u64) {
-        while v >= 0x80 {
-            self.bytes.push(v as u8 | 0x80);
-            v >>= 7;
-        }
-        self.bytes.push(v as u8);
+    pub(crate) fn varint(&mut self, v: u64) {
+        gpcc_lite::put_varint(&mut self.bytes, v);
     }
 
     /// A varint length followed by that many bytes.
@@ -142,18 +138,12 @@ impl<'a> SliceReader<'a> {
     /// # Errors
     /// [`Error::Truncated`]; [`Error::Corrupt`] if it does not fit 64 bits.
     pub(crate) fn varint(&mut self) -> Result<u64> {
-        let mut v = 0u64;
-        for shift in (0..64).step_by(7) {
-            let byte = self.u8()?;
-            if shift == 63 && byte > 1 {
-                return Err(Error::Corrupt { what: "varint", value: u64::from(byte) });
-            }
-            v |= u64::from(byte & 0x7f) << shift;
-            if byte & 0x80 == 0 {
-                return Ok(v);
-            }
-        }
-        Err(Error::Corrupt { what: "varint", value: v })
+        let mut last = 0;
+        let read = gpcc_lite::varint(|| {
+            last = self.u8()?;
+            Ok::<_, Error>(last)
+        });
+        read?.ok_or(Error::Corrupt { what: "varint", value: u64::from(last) })
     }
 
     /// A varint length and that many bytes.

@@ -1,12 +1,12 @@
 //! The decoder of whole streams, in memory or in files. [`crate::Reader`] is for those that arrive in parts.
 
-use crate::chunk::{GaussiansMut, resize};
+use crate::chunk::resize;
 use crate::decoded_chunk::{DecodedChunk, check, verify};
 use crate::error::{Error, Result, coding};
 use crate::head::{Header, Index, Layer, head_len};
 use crate::parallel;
 use gpcc_lite::Octree;
-use gs_model::{Scene, sh_len};
+use gs_model::{Scene, SceneMut, sh_len};
 use std::borrow::Cow;
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
@@ -436,7 +436,7 @@ impl<'a> Decoder<'a> {
             self.decode_job(job, &mut chunk)?;
             for at in (0..job.count).step_by(BLOCK) {
                 resize(&mut block, BLOCK.min(job.count - at))?;
-                chunk.fill(at, &mut GaussiansMut::of(&mut block));
+                chunk.fill(at, &mut SceneMut::of(&mut block));
                 visit(&mut buffer, job.first + at, &block)?;
             }
             lock().push((chunk, buffer, block));

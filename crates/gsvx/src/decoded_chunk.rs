@@ -1,11 +1,11 @@
 //! One decoded chunk of either kind, layer after layer.
 
-use crate::chunk::{ChunkValues, GaussiansMut, resize};
+use crate::chunk::{ChunkValues, resize};
 use crate::error::{Error, Result};
 use crate::head::{Index, Kind, Layer};
 use crate::lossless;
 use gpcc_lite::Leaf;
-use gs_model::Scene;
+use gs_model::{Scene, SceneMut};
 
 /// One decoded chunk. Its memory serves one chunk after another.
 #[derive(Debug, Default)]
@@ -53,7 +53,7 @@ impl DecodedChunk {
     }
 
     /// Puts the Gaussians from `first` on into `out`. SH degrees that were not decoded become 0.
-    pub(crate) fn fill(&self, first: usize, out: &mut GaussiansMut<'_>) {
+    pub(crate) fn fill(&self, first: usize, out: &mut SceneMut<'_>) {
         match &self.exact {
             Some(scene) => out.copy_from(scene, first),
             None => self.leaves.fill(first, out),
@@ -67,7 +67,7 @@ impl DecodedChunk {
     pub(crate) fn scene(&self, empty: Scene) -> Result<Scene> {
         let mut scene = empty;
         resize(&mut scene, self.len())?;
-        self.fill(0, &mut GaussiansMut::of(&mut scene));
+        self.fill(0, &mut SceneMut::of(&mut scene));
         Ok(scene)
     }
 }

@@ -13,6 +13,7 @@
 //! A block is its length as an LEB128 number, then its bytes.
 
 use crate::error::{Error, Result};
+use gpcc_lite::{put_varint, varint};
 
 const SIGNATURE: [u8; 6] = *b"paper\x01";
 /// Added to the SH degree.
@@ -52,12 +53,7 @@ impl ContainerWriter {
 
 /// Appends the length as an LEB128 number, then the bytes.
 pub(crate) fn put_block(out: &mut Vec<u8>, bytes: &[u8]) {
-    let mut len = bytes.len();
-    while len >= 0x80 {
-        out.push(len as u8 | 0x80);
-        len >>= 7;
-    }
-    out.push(len as u8);
+    put_varint(out, bytes.len() as u64);
     out.extend(bytes);
 }
 
@@ -90,15 +86,10 @@ impl<'a> ContainerReader<'a> {
 
     /// Takes a block off the front.
     pub(crate) fn block(&mut self, what: &'static str) -> Result<&'a [u8]> {
-        let mut len = 0usize;
-        for shift in (0..35).step_by(7) {
-            let [byte] = self.array(what)?;
-            len |= usize::from(byte & 0x7f) << shift;
-            if byte < 0x80 {
-                return self.0.split_off(..len).ok_or(Error::Truncated { what });
-            }
-        }
-        Err(Error::Corrupt { what: "the length of a block" })
+        let len = varint(|| self.array(what).map(|[byte]| byte))?;
+        let len = len.ok_or(Error::Corrupt { what: "the length of a block" })?;
+        let len = usize::try_from(len).map_err(|_| Error::Truncated { what })?;
+        self.0.split_off(..len).ok_or(Error::Truncated { what })
     }
 
     /// The end of the stream.

@@ -1,4 +1,4 @@
-//! Rotations and symmetric 3x3 matrices, as plain arrays.
+//! Rotations and symmetric 3x3 matrices, as plain arrays; floats as integers of the same order.
 //!
 //! A Gaussian's covariance is `R diag(s^2) R^T`, with the rotation `R` of its quaternion and its
 //! scales `s`. The functions here lead from quaternion and scales to such a matrix, and back.
@@ -36,6 +36,20 @@ pub type Matrix<T = f64> = [[T; 3]; 3];
 
 /// A symmetric 3x3 matrix as `[xx, yy, zz, xy, xz, yz]`.
 pub type Symmetric<T = f64> = [T; 6];
+
+/// The bits of a float as a number that ascends with the float, -0 before 0.
+#[inline(always)]
+#[must_use]
+pub const fn ascending(bits: u32) -> u32 {
+    if bits >> 31 == 1 { !bits } else { bits | 1 << 31 }
+}
+
+/// The inverse of [`ascending`].
+#[inline(always)]
+#[must_use]
+pub const fn of_ascending(key: u32) -> u32 {
+    if key >> 31 == 1 { key & !(1 << 31) } else { !key }
+}
 
 /// `R diag(d) R^T`: the symmetric matrix of which the columns of the rotation `R` are the axes
 /// and `d` the eigenvalues.

@@ -3,7 +3,7 @@
 //! Encoder, decoder, prices and latents walk this table. A new attribute is an entry of [`GROUPS`] with
 //! what [`Group`] says of it, a step in [`Steps`], and a paragraph of `docs/format.md`.
 
-use super::{GaussiansMut, Skeleton};
+use super::Skeleton;
 use crate::attributes::prediction::Predictor;
 use crate::attributes::side::Factors;
 use crate::attributes::{colour, opacity};
@@ -12,6 +12,7 @@ use crate::covariance;
 use crate::error::Result;
 use crate::head::Steps;
 use gpcc_lite::raht::Rows;
+use gs_model::SceneMut;
 use std::ops::Range;
 
 /// What the channels of a group are.
@@ -81,7 +82,7 @@ impl Group {
     }
 
     /// Puts the decoded values of the leaves from `first` on into Gaussians.
-    pub(crate) fn restore(&self, rows: &Rows, first: usize, out: &mut GaussiansMut<'_>) {
+    pub(crate) fn restore(&self, rows: &Rows, first: usize, out: &mut SceneMut<'_>) {
         match self.attribute {
             Attribute::Opacity => {
                 for (i, logit) in (first..).zip(&mut *out.opacity_logits) {

@@ -21,7 +21,7 @@ pub use encode::Transform;
 pub(crate) use encode::{ChunkEncoder, How, LAMBDA_MOVED, Values};
 #[cfg(feature = "encode")]
 pub use gaussians::GaussianGradient;
-pub(crate) use gaussians::{GaussiansMut, resize};
+pub(crate) use gaussians::resize;
 #[cfg(feature = "encode")]
 pub(crate) use groups::coded;
 pub(crate) use skeleton::Skeleton;

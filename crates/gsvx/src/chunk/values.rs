@@ -1,8 +1,10 @@
 //! The decoded values of one chunk: from its layers, and to Gaussians.
 
+use gs_model::SceneMut;
+
 use super::groups::{BASE, GROUPS, coded, coefficients};
 use super::skeleton::Skeleton;
-use super::{GaussiansMut, steps_of};
+use super::steps_of;
 use crate::attributes::side::Factors;
 use crate::bytes::SliceReader;
 use crate::error::{Error, Result, coding};
@@ -87,7 +89,7 @@ impl ChunkValues {
 
     /// Puts the Gaussians of the leaves from `first` on into `out`. SH degrees that were not decoded
     /// become 0.
-    pub(crate) fn fill(&self, first: usize, out: &mut GaussiansMut<'_>) {
+    pub(crate) fn fill(&self, first: usize, out: &mut SceneMut<'_>) {
         let octree = self.octree();
         for (i, mean) in (first..).zip(&mut *out.means) {
             *mean = octree.centre(i);

@@ -19,14 +19,14 @@ use super::encoded::Encoded;
 use super::lod;
 use super::options::CodeOptions;
 use crate::attributes::opacity;
-use crate::chunk::{self, ChunkEncoder, GaussiansMut, How, LAMBDA_MOVED, Values, coded};
+use crate::chunk::{self, ChunkEncoder, How, LAMBDA_MOVED, Values, coded};
 pub use crate::chunk::{GaussianGradient, Transform};
 pub use crate::covariance::EQUAL_AXES;
 use crate::error::Result;
 use crate::head::{Header, Index, Layer, Steps};
 use crate::importance;
 use gpcc_lite::Octree;
-use gs_model::Scene;
+use gs_model::{Scene, SceneMut};
 use rayon::prelude::*;
 use std::ops::Range;
 use voxel::Voxelization;
@@ -253,7 +253,7 @@ impl Latents {
         (scene.sh_degree, scene.antialiased, scene.origin) = (sh_degree, antialiased, origin);
         let n = scene.len().max(self.len());
         chunk::resize(scene, n)?;
-        let mut rest = GaussiansMut::of(scene);
+        let mut rest = SceneMut::of(scene);
         let mut jobs = Vec::new();
         for (range, chunk) in &self.chunks {
             for first in (0..range.len()).step_by(BLOCK) {

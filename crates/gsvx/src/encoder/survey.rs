@@ -7,6 +7,7 @@ use super::encoded::CoarseCells;
 use crate::error::Result;
 use gpcc_lite::Cube;
 use gpcc_lite::morton::MAX_DEPTH;
+use gs_model::math::{ascending, of_ascending};
 use gs_model::{Scene, is_point};
 
 /// Sizes are counted by the first 16 bits of their floats: to within 0.8 %.
@@ -79,7 +80,7 @@ impl Survey {
         for log_scale in scene.log_scales.iter().filter(|s| !is_point(**s)) {
             self.sized += 1;
             let size = log_scale.iter().copied().fold(f32::NEG_INFINITY, f32::max);
-            self.sizes[(key(size) >> (32 - SIZE_BITS)) as usize] += 1;
+            self.sizes[(ascending(size.to_bits()) >> (32 - SIZE_BITS)) as usize] += 1;
         }
         if !scene.is_empty() && scene.sh_degree.min(self.most_degree) > self.degree {
             self.degree = self.degree.max(used_degree(scene, self.most_degree));
@@ -132,19 +133,8 @@ impl Survey {
             left = left.saturating_sub(n);
             found
         })?;
-        Some(f64::from(value((class as u32) << (32 - SIZE_BITS))))
+        Some(f32::from_bits(of_ascending((class as u32) << (32 - SIZE_BITS))).into())
     }
-}
-
-/// A number that ascends with the float.
-fn key(value: f32) -> u32 {
-    let bits = value.to_bits();
-    if bits >> 31 == 1 { !bits } else { bits | 1 << 31 }
-}
-
-/// The float of a key.
-fn value(key: u32) -> f32 {
-    f32::from_bits(if key >> 31 == 1 { key & !(1 << 31) } else { !key })
 }
 
 #[cfg(test)]

@@ -1,7 +1,8 @@
 //! The encoder's choice of the map of a column.
 
-use super::column::{Cell, MAX_PALETTE, Map, ordered, parts};
+use super::column::{Cell, MAX_PALETTE, Map, parts};
 use crate::bytes::Writer;
+use gs_model::math::ascending;
 
 /// One value in this many may be an escape.
 const ESCAPES: usize = 2048;
@@ -55,7 +56,7 @@ impl Map {
         if probe.len() * 20 > probed * 19 {
             return None;
         }
-        let mut keys: Vec<u32> = values.iter().map(|&v| ordered(v)).collect();
+        let mut keys: Vec<u32> = values.iter().map(|&v| ascending(v)).collect();
         keys.sort_unstable();
         keys.dedup();
         (keys.len() <= most).then_some(Self::Palette(keys))

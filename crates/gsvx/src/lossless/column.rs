@@ -8,6 +8,7 @@
 
 use crate::bytes::SliceReader;
 use crate::error::{Error, Result};
+use gs_model::math::{ascending, of_ascending};
 
 /// Cell indices lie in `[-CELLS, CELLS)`.
 pub(super) const CELLS: i32 = 1 << 24;
@@ -67,15 +68,6 @@ impl Cell {
     }
 }
 
-/// Bit patterns in the order of the values they stand for.
-pub(super) fn ordered(bits: u32) -> u32 {
-    if bits >> 31 == 1 { !bits } else { bits | 1 << 31 }
-}
-
-fn unordered(key: u32) -> u32 {
-    if key >> 31 == 1 { key & !(1 << 31) } else { !key }
-}
-
 /// Index of a magnitude on one side of zero.
 fn signed(negative: bool, m: i32) -> i32 {
     if negative { -1 - m } else { m }
@@ -102,7 +94,7 @@ impl Map {
     pub(super) fn split(&self, bits: u32) -> Cell {
         let (step, zeros, exact) = match self {
             Self::Palette(keys) => {
-                let key = ordered(bits);
+                let key = ascending(bits);
                 let at = keys.partition_point(|&k| k < key);
                 return if keys.get(at) == Some(&key) {
                     Cell::At { q: at as i32, low: 0, bits: 0 }
@@ -164,7 +156,7 @@ impl Map {
         let (step, zeros) = match self {
             Self::Palette(keys) => {
                 let at = (q.max(0) as usize).min(keys.len().saturating_sub(1));
-                return keys.get(at).map_or(0, |&k| unordered(k));
+                return keys.get(at).map_or(0, |&k| of_ascending(k));
             }
             Self::Grid { step, zeros, .. } => (u32::from(*step), u32::from(*zeros)),
         };
@@ -265,10 +257,10 @@ mod tests {
     fn order_of_patterns_is_the_order_of_values() {
         let values = [-f32::INFINITY, -1.0, -1e-40, -0.0, 0.0, 1e-40, 1.0, f32::INFINITY];
         for w in values.windows(2) {
-            assert!(ordered(w[0].to_bits()) < ordered(w[1].to_bits()));
+            assert!(ascending(w[0].to_bits()) < ascending(w[1].to_bits()));
         }
         for v in values {
-            assert_eq!(unordered(ordered(v.to_bits())), v.to_bits());
+            assert_eq!(of_ascending(ascending(v.to_bits())), v.to_bits());
         }
     }
 }

@@ -5,12 +5,12 @@
 //! be decoded leaves what is held as it was.
 
 use super::Reader;
-use crate::chunk::{GaussiansMut, resize};
+use crate::chunk::resize;
 use crate::decode::check_limit;
 use crate::decoded_chunk::verify;
 use crate::error::{Error, Result};
 use gpcc_lite::Leaf;
-use gs_model::Scene;
+use gs_model::{Scene, SceneMut};
 use std::ops::Range;
 
 /// What is decoded of a chunk.
@@ -88,7 +88,7 @@ impl Reader {
         let first = range.start.min(end);
         resize(out, end - first)?;
         if self.held.is_some() {
-            self.decoded.fill(first, &mut GaussiansMut::of(out));
+            self.decoded.fill(first, &mut SceneMut::of(out));
         }
         Ok(())
     }

@@ -8,7 +8,7 @@ mod moments;
 mod paper;
 mod sh;
 
-use gs_model::Scene;
+use gs_model::{Scene, SceneMut};
 use multiversion::multiversion;
 use rayon::prelude::*;
 
@@ -95,25 +95,10 @@ impl<'a> Merging<'a> {
         let &Scene { antialiased, origin, .. } = self.scene;
         let zeros = Scene::zeros(self.voxelization.len(), sh_degree);
         let mut out = Scene { antialiased, origin, ..zeros };
-        let sh_len = out.sh_len();
-        out.means.par_chunks_mut(BATCH).enumerate().for_each(|(batch, means)| {
-            for (i, mean) in means.iter_mut().enumerate() {
-                *mean = self.voxelization.octree().centre(batch * BATCH + i);
-            }
+        let parts = out.par_parts_mut(0..self.voxelization.len(), BATCH);
+        parts.for_each_init(Scratch::default, |scratch, (first, out)| {
+            fill(out, self, first, scratch)
         });
-        out.rotations
-            .par_chunks_mut(BATCH)
-            .zip(out.log_scales.par_chunks_mut(BATCH))
-            .zip(out.opacity_logits.par_chunks_mut(BATCH))
-            .zip(out.sh.par_chunks_mut(BATCH * sh_len))
-            .enumerate()
-            .for_each_init(
-                Scratch::default,
-                |scratch, (batch, (((rotations, log_scales), opacity_logits), sh))| {
-                    let out = Batch { rotations, log_scales, opacity_logits, sh };
-                    fill(out, self, batch * BATCH, scratch);
-                },
-            );
         out
     }
 }
@@ -121,14 +106,6 @@ impl<'a> Merging<'a> {
 /// Leaves that one thread merges together. Fixed, and few enough that their part of the
 /// voxelization stays in the first-level cache from attribute to attribute.
 const BATCH: usize = 1024;
-
-/// The attributes of some leaves.
-struct Batch<'a> {
-    rotations: &'a mut [[f32; 4]],
-    log_scales: &'a mut [[f32; 3]],
-    opacity_logits: &'a mut [f32],
-    sh: &'a mut [[f32; 3]],
-}
 
 /// Memory that a thread allocates once and uses for every batch.
 #[derive(Default)]
@@ -213,11 +190,13 @@ impl<'a> BatchMembers<'a> {
 /// The attributes are copied one by one, in loops that do little else: members lie all over the
 /// scene, and only then do the cache misses of many leaves overlap.
 #[multiversion(targets("x86_64+avx2"))]
-fn fill(out: Batch<'_>, merging: &Merging<'_>, first: usize, scratch: &mut Scratch) {
+fn fill(out: SceneMut<'_>, merging: &Merging<'_>, first: usize, scratch: &mut Scratch) {
     let Merging { scene, voxelization, rule, .. } = *merging;
-    let len = out.rotations.len();
-    let batch = BatchMembers::new(voxelization, first, len);
-    let sh_len = out.sh.len() / len;
+    let batch = BatchMembers::new(voxelization, first, out.len());
+    let sh_len = out.sh_len();
+    for (i, mean) in out.means.iter_mut().enumerate() {
+        *mean = voxelization.octree().centre(first + i);
+    }
     // First every leaf as if its first member were the only one.
     sh::copy(scene, &batch, 0..sh_len, out.sh);
     for (i, rotation) in out.rotations.iter_mut().enumerate() {

@@ -52,10 +52,10 @@ impl<'a> Lines<'a> {
         }
         columns.choose_origin(vertex, sample.len(), |row, p| sample[row][p]);
         let columns = &*columns;
-        rows::scene(file, n, columns.sh_degree, |mut rows| {
+        rows::scene(file, n, columns.sh_degree, |first, mut rows| {
             let mut numbers = Vec::with_capacity(vertex.properties.len());
             for i in 0..rows.len() {
-                let (line, text) = lines[rows.first + i];
+                let (line, text) = lines[first + i];
                 parse_row(file, line, text, vertex, &mut numbers)?;
                 rows.set(i, |c| columns.number(c, |p| numbers[p]));
                 columns.look(1, |_, p| numbers[p]);

@@ -6,8 +6,8 @@ use super::columns::Columns;
 use super::header::{PlyElement, Scalar};
 use crate::bytes;
 use crate::error::{Error, Result};
-use crate::rows::{self, SceneRows};
-use crate::scene::Scene;
+use crate::rows;
+use crate::scene::{Scene, SceneMut};
 
 /// The body of a binary file.
 pub(super) struct BinaryBody<'a> {
@@ -49,8 +49,8 @@ impl BinaryBody<'_> {
         let body = &self.bytes[at..at + n * stride];
         layout.choose_origin(vertex, columns, body);
         let columns = &*columns;
-        let scene = rows::scene(self.file, n, columns.sh_degree, |rows| {
-            let part = &body[rows.first * stride..(rows.first + rows.len()) * stride];
+        let scene = rows::scene(self.file, n, columns.sh_degree, |first, rows| {
+            let part = &body[first * stride..(first + rows.len()) * stride];
             layout.fill(rows, part, columns);
             Ok(())
         })?;
@@ -131,7 +131,7 @@ impl RowLayout {
     }
 
     /// Fills `rows` from the bytes that hold them, and notes in `columns` what a scene does not keep.
-    pub(super) fn fill(&self, rows: SceneRows, part: &[u8], columns: &Columns) {
+    pub(super) fn fill(&self, rows: SceneMut<'_>, part: &[u8], columns: &Columns) {
         let (stride, at) = (self.stride, &self.numbers);
         let of_property = |row: &[u8], p: usize| {
             let (offset, scalar) = self.properties[p];
@@ -163,7 +163,7 @@ pub(super) fn offsets_and_types(element: &PlyElement) -> Vec<(usize, Scalar)> {
 }
 
 #[inline]
-fn fill(mut rows: SceneRows, part: &[u8], stride: usize, get: impl Fn(&[u8], usize) -> f32) {
+fn fill(mut rows: SceneMut<'_>, part: &[u8], stride: usize, get: impl Fn(&[u8], usize) -> f32) {
     for (i, row) in part.chunks_exact(stride).enumerate() {
         rows.set(i, |c| get(row, c));
     }

@@ -198,8 +198,8 @@ impl Body {
         let (fetched, filled) = rayon::join(
             || file.read_exact(&mut next[kept..]),
             || {
-                rows::fill_range(scene, start..start + whole, |rows| {
-                    let at = (rows.first - start) * layout.stride;
+                rows::fill_range(scene, start..start + whole, |first, rows| {
+                    let at = (first - start) * layout.stride;
                     let bytes = &part[at..at + rows.len() * layout.stride];
                     layout.fill(rows, bytes, columns);
                     Ok(())
