@@ -20,6 +20,8 @@ use finetune::{Backend, RenderOptions, render};
 use gs_model::{Camera, Scene};
 use indicatif::DecimalBytes;
 use serde_json::json;
+use std::cell::RefCell;
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -33,6 +35,7 @@ Examples:
   gsvx tune model.ply --cameras data/fox -o small.gsvx
   gsvx tune model.ply --cameras data/fox -o small.gsvx --target-bytes 200k
   gsvx tune model.ply --cameras data/fox -o small.gsvx --target-psnr 31 --effort long
+  gsvx tune model.ply --cameras data/fox -o small.gsvx --qualities 42,58,78
   gsvx tune model.ply --cameras data/fox -o small.gsvx --web      for a web page
   gsvx tune model.ply --cameras data/fox --distil -o small.gsvx   no photos
   gsvx tune model.ply --orbit 60 -o small.gsvx                    no cameras either
@@ -63,6 +66,10 @@ pub(crate) struct TuneArgs {
     /// Quality of the stream, 0 to 100 [default: 58].
     #[arg(short, long, group = "target", value_parser = quality)]
     quality: Option<f32>,
+    /// Several qualities, such as 42,58,78: NAME-q42.gsvx, NAME-q58.gsvx ... Each stream goes on from that of the next
+    /// higher quality, so five take about twice the time of one.
+    #[arg(long, value_name = "LIST", group = "target", value_delimiter = ',', value_parser = quality)]
+    qualities: Vec<f32>,
     /// Best stream of at most this size: 800000, 500k, 1.5MB.
     #[arg(long, value_name = "SIZE", group = "target", value_parser = size::bytes)]
     target_bytes: Option<u64>,
@@ -138,8 +145,34 @@ impl TuneArgs {
         match (self.target_bytes, self.target_psnr) {
             (Some(bytes), _) => Target::Bytes(bytes),
             (_, Some(db)) => Target::Psnr(db),
-            _ => Target::Quality(self.quality.unwrap_or(tune::DEFAULT_QUALITY)),
+            _ => Target::Quality(self.descending()[0]),
         }
+    }
+
+    /// The qualities of the streams, the highest first.
+    fn descending(&self) -> Vec<f32> {
+        let mut all = self.qualities.clone();
+        all.sort_by(|a, b| b.total_cmp(a));
+        all.dedup();
+        match all.is_empty() {
+            true => vec![self.quality.unwrap_or(tune::DEFAULT_QUALITY)],
+            false => all,
+        }
+    }
+
+    /// What to write, by quality.
+    fn outputs(&self) -> Result<Vec<(f32, Output)>> {
+        // The streams that a run made before it was interrupted are there.
+        let goes_on = self.checkpoint.as_ref().is_some_and(|path| path.exists());
+        let force = self.force || goes_on && !self.qualities.is_empty();
+        let [stem, extension] = [self.output.file_stem(), self.output.extension()]
+            .map(|part| part.unwrap_or_default().to_string_lossy().into_owned());
+        let path = |quality: f32| match self.qualities.is_empty() {
+            true => self.output.clone(),
+            false => self.output.with_file_name(format!("{stem}-q{quality}.{extension}")),
+        };
+        let open = |q: f32| Ok((q, Output::open(&path(q), force, &[&self.input])?));
+        self.descending().into_iter().map(open).collect()
     }
 
     fn layout(&self) -> Layout {
@@ -152,7 +185,8 @@ impl TuneArgs {
             return Err(usage("--lod, --web: a PLY has no coarse level; name the output .gsvx"));
         }
         if self.profile == Profile::Paper {
-            if self.target_bytes.is_some() || self.target_psnr.is_some() {
+            let other = self.target_bytes.is_some() || self.target_psnr.is_some();
+            if other || !self.qualities.is_empty() {
                 return Err(usage("--profile paper has no target but --quality"));
             }
             return Ok(());
@@ -187,7 +221,7 @@ impl TuneArgs {
 
     /// Refuses cameras that seem not to be the model's own, where there are no photos that prove them.
     fn refuse_misfits(&self, scene: &Scene, cameras: &[Camera], path: &Path) -> Result<()> {
-        let quality = self.quality.unwrap_or(tune::DEFAULT_QUALITY);
+        let quality = self.descending()[0];
         let looking = Meter::spinner("looking from the cameras".into());
         let doubt = tune::misfit(scene, cameras, quality)?;
         drop(looking);
@@ -225,7 +259,7 @@ pub(crate) fn run(args: &TuneArgs, report: Reporter) -> Result<()> {
     }
     let ply = extension == "ply";
     args.check(ply)?;
-    let output = Output::open(&args.output, args.force, &[&args.input])?;
+    let mut outputs = args.outputs()?;
     let pictures = args.pictures.as_deref();
     pictures.map_or(Ok(()), |folder| empty_folder(folder, args.force))?;
     let backend = args.backend()?;
@@ -248,6 +282,7 @@ pub(crate) fn run(args: &TuneArgs, report: Reporter) -> Result<()> {
         let options = args.layout().code();
         let input = &*args.input;
         let training = photos::training(&scene, targets);
+        let (_, output) = outputs.remove(0);
         let job = PaperJob {
             input,
             cameras,
@@ -262,22 +297,38 @@ pub(crate) fn run(args: &TuneArgs, report: Reporter) -> Result<()> {
         };
         return paper_tune::run(&args.paper, job, report);
     }
-    let outcome = tuned(args, scene, targets, backend)?;
-    let written = if ply {
-        output.write(|out| Ok(gs_model::ply::write_to(out, &outcome.scene)?))?
-    } else {
-        output.write(|out| Ok(out.write_all(&outcome.encoded.bytes)?))?
-    };
-    tell(args, &written.name, origin.as_ref(), distilled, &outcome, report)
+    tuned(args, scene, targets, backend, |outcome| {
+        // A target that is no quality has one output.
+        let at = outputs.iter().position(|(quality, _)| *quality == outcome.quality);
+        let (quality, output) = outputs.remove(at.unwrap_or(0));
+        outputs.retain(|(other, _)| *other < quality);
+        let written = if ply {
+            output.write(|out| Ok(gs_model::ply::write_to(out, &outcome.scene)?))?
+        } else {
+            output.write(|out| Ok(out.write_all(&outcome.encoded.bytes)?))?
+        };
+        tell(args, &written.name, origin.as_ref(), distilled, &outcome, report)
+    })?;
+    for (_, output) in outputs {
+        note(format_args!("{}: not made, as the run was interrupted", output.name()));
+    }
+    Ok(())
 }
 
-/// Says what will be done, and does it.
-fn tuned(args: &TuneArgs, scene: Scene, targets: Targets, backend: Backend) -> Result<TuneOutcome> {
+/// Says what will be done, and does it. `made` gets each stream.
+fn tuned(
+    args: &TuneArgs,
+    scene: Scene,
+    targets: Targets,
+    backend: Backend,
+    mut made: impl FnMut(TuneOutcome) -> Result<()>,
+) -> Result<()> {
     let name = || input::name(&args.input);
     let pictured = args.pictures.as_deref().zip(targets.cameras().next().cloned());
     let distilled = targets.are_renders();
     let gaussians = scene.len();
     let mut options = TuneOptions::new(args.target());
+    options.further = args.descending().split_off(1);
     options.layout = args.layout();
     options.effort = args.effort;
     options.drop_unseen = args.drop_unseen;
@@ -292,10 +343,14 @@ fn tuned(args: &TuneArgs, scene: Scene, targets: Targets, backend: Backend) -> R
     });
     drop(bar);
     let run = run.with_context(name)?;
-    announce(&run, gaussians, distilled, args.effort);
-    let mut follower = Follower::new(run.plan().steps(), run.backend());
+    announce(&run, gaussians, distilled, args);
+    let (steps, begins) = (run.steps(), run.backend().clone());
+    let followed = RefCell::new(None);
+    let mut end = Ok(());
     interrupt::sets(cancel);
-    let outcome = run.run(|p| {
+    let follow = |p: &Progress<'_>| {
+        let mut follower = followed.borrow_mut();
+        let follower = follower.get_or_insert_with(|| Follower::new(steps, &begins));
         follower.see(p);
         if let Some((folder, camera)) = &pictured
             && p.step.is_multiple_of(PICTURED)
@@ -303,15 +358,21 @@ fn tuned(args: &TuneArgs, scene: Scene, targets: Targets, backend: Backend) -> R
         {
             follower.say(&format!("warning: {error:#}"));
         }
+    };
+    let run = run.run_all(follow, |outcome| {
+        if let Some(follower) = followed.take() {
+            follower.end(&outcome.backend);
+        }
+        end = made(outcome);
+        if end.is_ok() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
     });
-    let outcome = outcome.with_context(name)?;
-    follower.end(&outcome.backend);
-    Ok(outcome)
+    run.with_context(name)?;
+    end
 }
 
 /// What will be done, and how long it takes.
-fn announce(run: &Tune, gaussians: usize, distilled: bool, effort: TuneEffort) {
-    let plan = run.plan();
+fn announce(run: &Tune, gaussians: usize, distilled: bool, args: &TuneArgs) {
+    let (plan, effort) = (run.plan(), args.effort);
     let (views, aside) = run.views();
     let judge = match aside {
         0 => format!("at the first of {views} photos"),
@@ -329,9 +390,15 @@ fn announce(run: &Tune, gaussians: usize, distilled: bool, effort: TuneEffort) {
         0 => String::new(),
         n => format!(", {n} of them done"),
     };
+    let further: Vec<String> =
+        args.descending()[1..].iter().map(|quality| format!("{quality}")).collect();
+    let further = match further.is_empty() {
+        true => String::new(),
+        false => format!("; then qualities {}, each from the stream before", further.join(", ")),
+    };
     note(format_args!(
         "plan: quality {:.1}; leave out {:.0} % of the Gaussians in {} rounds of {} steps, then {} steps \
-         with the codec in the loop{done}; about {}",
+         with the codec in the loop{done}{further}; about {}",
         plan.quality,
         100.0 * plan.fraction,
         plan.rounds,

@@ -54,6 +54,25 @@ fn a_model_is_tuned_to_itself() {
 }
 
 #[test]
+fn one_run_makes_a_stream_of_each_quality() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut command = quick(dir.path(), "a.gsvx");
+    let out = command.args(["--qualities", "42,58,50", "--json"]).output().unwrap();
+    let streams: Vec<serde_json::Value> =
+        said(&out).lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let qualities: Vec<_> = streams.iter().map(|s| s["quality"].as_f64().unwrap()).collect();
+    assert_eq!(qualities, [58.0, 50.0, 42.0]);
+    let bytes = ["a-q58.gsvx", "a-q50.gsvx", "a-q42.gsvx"]
+        .map(|name| std::fs::read(dir.path().join(name)).unwrap().len() as u64);
+    assert!(bytes.iter().zip(&streams).all(|(bytes, s)| s["bytes"] == *bytes), "{streams:?}");
+    assert!(bytes[0] > bytes[1] && bytes[1] > bytes[2], "{bytes:?}");
+    assert!(!dir.path().join("a.gsvx").exists());
+    // None of them is replaced.
+    let mut command = quick(dir.path(), "a.gsvx");
+    one_line(&command.args(["--qualities", "50,30"]).output().unwrap(), "a-q50.gsvx");
+}
+
+#[test]
 fn a_coarse_scene_comes_first_if_it_is_asked_for() {
     let dir = Folder::new();
     let paper = ["--profile", "paper", "--steps", "1", "--backend", "cpu"];

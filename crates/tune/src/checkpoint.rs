@@ -12,7 +12,7 @@ use gs_model::{Camera, Scene};
 use crate::error::{Error, Result};
 
 const MAGIC: [u8; 8] = *b"GSTUNECK";
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 
 /// A checksum of what a checkpoint must share with the run that goes on from it. `options` says in words what
 /// else they share. A view is a camera and a photo.

@@ -32,7 +32,7 @@ pub(crate) const FITTED: u64 = 48;
 const _: () = assert!(FITTED.is_multiple_of(CODED), "a fit runs the codec");
 /// Price of a bit over that of a uniform quantiser at high rates. The latter is the derivative of
 /// `step^2 / 12` by the bits, `ln 2 / 6 step^2`.
-const PRICE: f64 = 12.0;
+const PRICE: f64 = 16.0;
 
 /// The latents, and what the codec made of them last.
 pub(crate) struct CodecLoop {

@@ -1,4 +1,4 @@
-//! [`Course`]: rounds of pruning, then the codec in the loop.
+//! [`Course`]: rounds of pruning, then the codec in the loop; the same again for each further stream.
 
 use gs_model::Scene;
 
@@ -9,7 +9,6 @@ use crate::forecast::Forecast;
 use crate::options::{Goal, Target};
 use crate::plan::TunePlan;
 use crate::progress::{StageName, StopReason};
-use crate::scene_loop::SceneLoop;
 use crate::stage::{self, Stage};
 use crate::steering;
 use crate::trainer::{RunState, Work};
@@ -20,7 +19,10 @@ const BEST_FROM: f64 = 0.5;
 
 /// A run of [`crate::Tune`].
 pub(crate) struct Course {
-    pub(crate) plan: TunePlan,
+    /// One for each stream, in descending order of quality.
+    plans: Vec<TunePlan>,
+    /// The stream under way.
+    stream: usize,
     goal: Goal,
     pub(crate) forecast: Forecast,
     /// Removal effects of the input, until it is pruned.
@@ -35,15 +37,42 @@ impl Course {
     /// Begins with a round of no steps, which keeps all Gaussians. The next one prunes.
     /// `effects` are the removal effects of the scene.
     pub(crate) fn new(
-        plan: TunePlan,
+        plans: Vec<TunePlan>,
         goal: Goal,
         forecast: Forecast,
         scene: Scene,
         effects: Vec<f32>,
     ) -> Self {
-        let recovery = Box::new(SceneLoop::new(scene, 0.0, 0));
-        let (stage, effects) = (Stage::Round { round: 0, recovery }, Some(effects));
-        Self { plan, goal, forecast, effects, stage, best: None, aside_psnr: None }
+        let (stage, effects) = (stage::before_pruning(scene), Some(effects));
+        Self { plans, stream: 0, goal, forecast, effects, stage, best: None, aside_psnr: None }
+    }
+
+    /// The plan of the stream under way.
+    pub(crate) fn plan(&self) -> &TunePlan {
+        &self.plans[self.stream]
+    }
+
+    /// Plans of all streams.
+    pub(crate) fn plans(&self) -> &[TunePlan] {
+        &self.plans
+    }
+
+    /// Whether a stream before the one under way is made.
+    pub(crate) fn is_further(&self) -> bool {
+        self.stream > 0
+    }
+
+    /// Goes on to the next stream from the scene of the last one. False if that was the last.
+    pub(crate) fn next(&mut self, views: &mut Views, scene: Scene) -> Result<bool> {
+        if self.stream + 1 >= self.plans.len() {
+            return Ok(false);
+        }
+        self.stream += 1;
+        (self.effects, self.best, self.aside_psnr) = (None, None, None);
+        self.stage = stage::before_pruning(scene);
+        views.of_quality(self.plan().quality);
+        self.advance(views)?;
+        Ok(true)
     }
 
     /// Prunes to what remains after a round.
@@ -52,18 +81,20 @@ impl Course {
             Some(effects) => effects,
             None => views.removal(scene)?.effects,
         };
-        let kept = self.plan.kept(self.forecast.input, round).min(scene.len());
+        let kept = self.plan().kept(self.forecast.input, round).min(scene.len());
         let fraction = 1.0 - kept as f64 / scene.len().max(1) as f64;
         let kept = gsvx::prune(&effects, fraction.clamp(0.0, 0.999_999))?;
         Ok(scene.select(&kept))
     }
 
-    /// The loop at its end, with the best state if the last one costs more, unless the run was cut short.
-    pub(crate) fn finish(self, views: &mut Views, cancelled: bool) -> Result<CodecLoop> {
-        let Self { plan, goal, stage, best, .. } = self;
+    /// The loop at its end, with the best state if the last one costs more, unless the run was cut short. The course
+    /// has no scene then, until it goes on to the next stream.
+    pub(crate) fn finish(&mut self, views: &mut Views, cancelled: bool) -> Result<CodecLoop> {
+        let (goal, best) = (self.goal, self.best.take());
+        let stage = std::mem::replace(&mut self.stage, stage::before_pruning(Scene::default()));
         let mut state = match stage {
             Stage::Round { mut recovery, .. } => {
-                stage::codec_loop(&plan, goal, views, &recovery.optimiser.take_scene())?
+                stage::codec_loop(self.plan(), goal, views, &recovery.optimiser.take_scene())?
             }
             Stage::Loop(state) => state,
         };
@@ -87,11 +118,17 @@ fn cost(state: &CodecLoop, loss: f64) -> f64 {
 
 impl Work for Course {
     fn steps(&self) -> u64 {
-        self.plan.steps()
+        self.plans.iter().map(TunePlan::steps).sum()
     }
 
     fn seconds_after(&self, steps: u64) -> f64 {
-        self.forecast.seconds_after(&self.plan, steps)
+        let mut before = 0;
+        let of_plan = |plan: &TunePlan| {
+            let done = steps.saturating_sub(before);
+            before += plan.steps();
+            self.forecast.seconds_after(plan, done)
+        };
+        self.plans.iter().map(of_plan).sum()
     }
 
     fn advance(&mut self, views: &mut Views) -> Result<Option<StopReason>> {
@@ -99,11 +136,11 @@ impl Work for Course {
             Stage::Round { recovery, .. } if recovery.done < recovery.steps => Ok(None),
             Stage::Round { round, recovery } => {
                 let (round, scene) = (*round, recovery.optimiser.take_scene());
-                if round < self.plan.rounds {
+                if round < self.plan().rounds {
                     let kept = self.pruned(views, &scene, round + 1)?;
-                    self.stage = stage::round(&self.plan, views, kept, round + 1);
+                    self.stage = stage::round(self.plan(), views, kept, round + 1);
                 } else {
-                    let state = stage::codec_loop(&self.plan, self.goal, views, &scene)?;
+                    let state = stage::codec_loop(self.plan(), self.goal, views, &scene)?;
                     self.stage = Stage::Loop(state);
                 }
                 Ok(None)
@@ -167,6 +204,7 @@ impl Work for Course {
     }
 
     fn write(&self, out: &mut StateWriter) {
+        out.integers(&[self.stream as u64]);
         out.numbers(self.aside_psnr.as_slice());
         match &self.best {
             Some((cost, Snapshot { values, quality })) => {
@@ -179,6 +217,11 @@ impl Work for Course {
     }
 
     fn read(&mut self, input: &mut StateReader<'_>, views: &mut Views) -> Result<()> {
+        match input.integers()?[..] {
+            [stream] if (stream as usize) < self.plans.len() => self.stream = stream as usize,
+            _ => return Err(input.error("stream")),
+        }
+        views.of_quality(self.plan().quality);
         self.aside_psnr = input.numbers()?.first().copied();
         self.best = match input.numbers()?[..] {
             [cost, quality] => {
@@ -187,7 +230,7 @@ impl Work for Course {
             _ => None,
         };
         self.effects = None;
-        self.stage = Stage::read(input, &self.plan, self.goal.layout, views)?;
+        self.stage = Stage::read(input, &self.plans[self.stream], self.goal.layout, views)?;
         views.gradients.move_means(matches!(self.stage, Stage::Round { .. }));
         Ok(())
     }
@@ -195,7 +238,7 @@ impl Work for Course {
     fn state(&self) -> RunState<'_> {
         let (stage, bytes) = match &self.stage {
             Stage::Round { round, .. } => {
-                (StageName::Round { round: *round, rounds: self.plan.rounds }, None)
+                (StageName::Round { round: *round, rounds: self.plan().rounds }, None)
             }
             Stage::Loop(state) => (StageName::CodecInTheLoop, Some(state.bytes)),
         };

@@ -69,6 +69,9 @@ pub(crate) struct Goal {
 pub struct TuneOptions {
     /// What the stream aims for.
     pub target: Target,
+    /// Qualities of further streams of the same run, each below the one before; the target is a quality then. Each
+    /// goes on from the stream before: five streams take about twice the time of one.
+    pub further: Vec<f32>,
     /// What the stream has beside its finest level. Its bytes count.
     pub layout: Layout,
     /// How long to tune.
@@ -99,6 +102,7 @@ impl TuneOptions {
     pub fn new(target: Target) -> Self {
         Self {
             target,
+            further: Vec::new(),
             layout: Layout::Finest,
             effort: TuneEffort::Normal,
             plan: None,

@@ -1,4 +1,4 @@
-//! The plan that follows from a target: for a size, by streams of the scene without tuning.
+//! The plans that follow from a target: for a size, by streams of the scene without tuning.
 
 use finetune::Removal;
 use gs_model::Scene;
@@ -13,20 +13,42 @@ use crate::views::FirstLook;
 /// a size begins.
 const TUNED_OVER_PROBED: f64 = 0.85;
 
-/// The plan for the target.
-pub(crate) fn plan(scene: &Scene, looked: &FirstLook, options: &TuneOptions) -> Result<TunePlan> {
-    if let Some(plan) = options.plan {
-        return plan.checked();
+/// The plans of all streams, the target's first.
+pub(crate) fn plans(
+    scene: &Scene,
+    looked: &FirstLook,
+    options: &TuneOptions,
+) -> Result<Vec<TunePlan>> {
+    let spare = Spare::new(&looked.removal.effects, &looked.removal.squared);
+    let mut plans = vec![match options.plan {
+        Some(plan) => plan.checked()?,
+        None => first(scene, looked, options, &spare)?,
+    }];
+    for &quality in &options.further {
+        let descends = matches!(options.target, Target::Quality(first) if quality < first);
+        if !descends || plans.iter().any(|plan| quality >= plan.quality) {
+            let (option, range) = ("further quality", "below the quality before it");
+            return Err(Error::Option { option, value: quality.into(), range });
+        }
+        plans.push(TunePlan::further(quality, options.effort, &spare)?);
     }
+    Ok(plans)
+}
+
+fn first(
+    scene: &Scene,
+    looked: &FirstLook,
+    options: &TuneOptions,
+    spare: &Spare,
+) -> Result<TunePlan> {
     let FirstLook { removal: Removal { effects, squared }, input_scores, .. } = looked;
-    let spare = Spare::new(effects, squared);
     let quality = match options.target {
         Target::Quality(quality) => quality,
         Target::Psnr(db) => quality_for_psnr(db, input_scores.psnr),
         Target::Bytes(bytes) => {
             // The stream of a plan without any tuning.
             let probe = |quality: f32| {
-                let plan = TunePlan::new(quality, options.effort, &spare)?;
+                let plan = TunePlan::new(quality, options.effort, spare)?;
                 let kept = gsvx::prune(effects, plan.fraction)?;
                 let importance: Vec<f32> = kept.iter().map(|&i| squared[i]).collect();
                 probe(&scene.select(&kept), &importance, quality, options)
@@ -39,7 +61,7 @@ pub(crate) fn plan(scene: &Scene, looked: &FirstLook, options: &TuneOptions) -> 
             found.quality
         }
     };
-    Ok(TunePlan::new(quality, options.effort, &spare)?)
+    Ok(TunePlan::new(quality, options.effort, spare)?)
 }
 
 /// Bytes of the smallest stream that has a Gaussian, to five points of quality.

@@ -115,7 +115,7 @@ pub struct TuneOutcome {
     pub outliers: usize,
     /// Steps done in all.
     pub steps: u64,
-    /// Wall-clock seconds of this run.
+    /// Wall-clock seconds of this stream.
     pub seconds: f64,
     /// Where the run ended, and why there.
     pub backend: BackendReport,

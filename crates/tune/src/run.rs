@@ -1,5 +1,7 @@
 //! [`Tune`]: the run.
 
+use std::ops::ControlFlow;
+
 use finetune::metrics::Scores;
 use finetune::{BackendReport, Removal};
 use gs_model::Scene;
@@ -11,7 +13,7 @@ use crate::error::{Error, Result};
 use crate::forecast::Forecast;
 use crate::options::{Target, TuneOptions};
 use crate::plan::{TuneEffort, TunePlan};
-use crate::probe::plan;
+use crate::probe::plans;
 use crate::progress::{Progress, StopReason, TuneOutcome};
 use crate::stage::at_degree;
 use crate::steering;
@@ -35,7 +37,7 @@ pub struct Tune {
 
 impl std::fmt::Debug for Tune {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let (plan, done) = (&self.course.plan, &self.trainer.done);
+        let (plan, done) = (self.plan(), &self.trainer.done);
         f.debug_struct("Tune").field("plan", plan).field("done", done).finish()
     }
 }
@@ -74,24 +76,23 @@ impl Tune {
                 range: "a number of dB",
             });
         }
-        let TuneOptions { effort, plan: given, drop_unseen, seed, .. } = &options;
+        let TuneOptions { effort, plan: given, further, drop_unseen, seed, .. } = &options;
         let goal = options.goal();
         let renders = targets.are_renders();
-        let shared = format!("{goal:?} {effort:?} {given:?} {renders} {drop_unseen} {seed}");
+        let shared =
+            format!("{goal:?} {effort:?} {given:?} {further:?} {renders} {drop_unseen} {seed}");
         let fingerprint = fingerprint(&scene, targets.each(), &shared);
         let started = Clock::start();
         let looked = Views::look(&scene, targets, &options, looked)?;
         let pass = started.seconds();
-        let plan = plan(&scene, &looked, &options)?;
+        let plans = plans(&scene, &looked, &options)?;
         let FirstLook { mut views, removal: Removal { effects, .. }, input_scores } = looked;
-        if !renders {
-            views.of_quality(plan.quality);
-        }
+        views.of_quality(plans[0].quality);
         let TuneOptions { backend, checkpoint, cancel, .. } = options;
         let mut trainer = Trainer::new(views, fingerprint, backend, checkpoint, cancel)?;
         let render = seconds_of_a_render(&scene, &mut trainer.views);
         let forecast = Forecast { input: scene.len(), render, pass };
-        let mut course = Course::new(plan, goal, forecast, scene, effects);
+        let mut course = Course::new(plans, goal, forecast, scene, effects);
         if !trainer.resume(&mut course)? {
             // Views that see nothing are an error before the run.
             course.advance(&mut trainer.views)?;
@@ -99,10 +100,16 @@ impl Tune {
         Ok(Self { trainer, course, target: goal.target, input_scores })
     }
 
-    /// What the run will do.
+    /// What the run will do for its first stream.
     #[must_use]
     pub fn plan(&self) -> &TunePlan {
-        &self.course.plan
+        &self.course.plans()[0]
+    }
+
+    /// Steps of the whole run, of all streams.
+    #[must_use]
+    pub fn steps(&self) -> u64 {
+        self.course.steps()
     }
 
     /// Scores of the input model at the views kept aside.
@@ -137,10 +144,10 @@ impl Tune {
         self.course.seconds_after(self.trainer.done)
     }
 
-    /// Seconds that this run would take with another effort, about.
+    /// Seconds that the first stream would take with another effort, about.
     #[must_use]
     pub fn seconds_with(&self, effort: TuneEffort) -> f64 {
-        self.course.forecast.seconds_after(&self.course.plan.with(effort), 0)
+        self.course.forecast.seconds_after(&self.plan().with(effort), 0)
     }
 
     /// Runs to the end, calling `progress` now and then.
@@ -153,10 +160,38 @@ impl Tune {
     ///
     /// # Errors
     /// [`Error::Codec`], [`Error::NothingSeen`]; [`Error::Interrupted`]; [`Error::Finetune`] if a GPU that was asked for fails.
-    pub fn run(self, progress: impl FnMut(&Progress<'_>)) -> Result<TuneOutcome> {
-        let Self { mut trainer, mut course, target, input_scores } = self;
-        let cancelled = trainer.run(&mut course, progress)? == StopReason::Cancelled;
-        let Trainer { views, done: steps, backend, clock, .. } = &mut trainer;
+    pub fn run(mut self, progress: impl FnMut(&Progress<'_>)) -> Result<TuneOutcome> {
+        self.stream(progress)
+    }
+
+    /// As [`Tune::run`], for all streams of the options: `made` gets each as soon as it is there, and may end the run.
+    /// A run that goes on from a checkpoint makes the streams that were not there yet. Of a run that is cancelled a
+    /// further stream under way is not made.
+    ///
+    /// # Errors
+    /// Those of [`Tune::run`].
+    pub fn run_all(
+        mut self,
+        mut progress: impl FnMut(&Progress<'_>),
+        mut made: impl FnMut(TuneOutcome) -> ControlFlow<()>,
+    ) -> Result<()> {
+        loop {
+            let outcome = self.stream(&mut progress)?;
+            let (cancelled, scene) = (outcome.cancelled, outcome.scene.clone());
+            let ends = cancelled && self.course.is_further() || made(outcome).is_break();
+            if ends || cancelled || !self.course.next(&mut self.trainer.views, scene)? {
+                return Ok(());
+            }
+            self.trainer.keep(&self.course);
+        }
+    }
+
+    /// The stream under way.
+    fn stream(&mut self, progress: impl FnMut(&Progress<'_>)) -> Result<TuneOutcome> {
+        let Self { trainer, course, target, input_scores } = self;
+        let (target, input_scores) = (*target, *input_scores);
+        let cancelled = trainer.run(course, progress)? == StopReason::Cancelled;
+        let Trainer { views, done: steps, backend, clock, .. } = trainer;
         let mut state = course.finish(views, cancelled)?;
         let encoded = steering::fitting(&mut state, target)?;
         let scores = views.scores(&state.scene);

@@ -22,6 +22,11 @@ pub(crate) enum Stage {
     Loop(Box<CodecLoop>),
 }
 
+/// A round of no steps, which keeps all Gaussians.
+pub(crate) fn before_pruning(scene: Scene) -> Stage {
+    Stage::Round { round: 0, recovery: Box::new(SceneLoop::new(scene, 0.0, 0)) }
+}
+
 /// Starts the recovery of round `round` from the scene that it keeps.
 pub(crate) fn round(plan: &TunePlan, views: &mut Views, kept: Scene, round: u64) -> Stage {
     views.gradients.move_means(true);

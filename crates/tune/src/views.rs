@@ -77,6 +77,8 @@ pub(crate) struct Views {
     /// Cameras near the others. Their views are the last ones of `gradients`.
     nearby: Vec<Camera>,
     share: Share,
+    /// The targets are renders of the input model.
+    renders: bool,
     /// Renders of the input model, to compare the result with.
     judged: Option<JudgeViews>,
     seed: u64,
@@ -141,6 +143,7 @@ impl Views {
             aside: Vec::new(),
             nearby: Vec::new(),
             share: BESIDE_PHOTOS,
+            renders: false,
             judged: None,
             seed,
             order: Vec::new(),
@@ -195,7 +198,7 @@ impl Views {
         }
         let judged = Some(JudgeViews::of(scene, &aside, &cameras));
         let (seed, order) = (options.seed, Vec::new());
-        let this = Self { cameras, gradients, aside, nearby, share, judged, seed, order };
+        let this = Self { cameras, gradients, aside, nearby, share, renders, judged, seed, order };
         let removal = this.together(at_views, &at_nearby)?;
         let input_scores = this.scores(scene);
         Ok(FirstLook { views: this, removal, input_scores })
@@ -203,6 +206,11 @@ impl Views {
 
     /// Makes the steps of a run to photos those of a quality.
     pub(crate) fn of_quality(&mut self, quality: f32) {
+        if self.renders {
+            return;
+        }
+        // A run that goes on from a checkpoint here has the order of this pass too.
+        self.order.clear();
         self.share = Share::at(quality);
         let nearby = self.photos()..self.gradients.views();
         nearby.for_each(|view| self.gradients.weigh(view, self.share.of_gradients));

@@ -1,5 +1,6 @@
 //! Short runs on the scene in `fixtures/room`.
 
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -8,7 +9,9 @@ use finetune::framing::nearby;
 use finetune::{Photo, RenderOptions, TrainView, Visibility, render};
 use gs_model::{Camera, Scene, dataset, ply};
 use gsvx::{Aim, EncodeOptions, Encoder};
-use tune::{Error, Layout, Target, Targets, Tune, TuneEffort, TuneOptions, TuneOutcome, TunePlan};
+use tune::{
+    Error, Layout, Progress, Target, Targets, Tune, TuneEffort, TuneOptions, TuneOutcome, TunePlan,
+};
 
 fn room() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/room")
@@ -195,6 +198,41 @@ fn a_run_that_was_cut_goes_on_to_the_same_bytes() {
     std::fs::write(&path, &bytes).unwrap();
     let error = Tune::new(model(), photos(), other).unwrap_err();
     assert!(error.to_string().contains("checksum"), "{error}");
+}
+
+#[test]
+fn further_streams_are_smaller_and_the_same_after_an_interruption() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut options = short(Target::Quality(54.0));
+    (options.effort, options.further) = (TuneEffort::Quick, vec![46.0]);
+    let streams = |options: &TuneOptions, cut: Option<u64>| {
+        let mut options = options.clone();
+        let cancel = Arc::new(AtomicBool::new(false));
+        options.cancel = Some(Arc::clone(&cancel));
+        let mut made = Vec::new();
+        let run = Tune::new(model(), photos(), options).unwrap();
+        let see = |p: &Progress<'_>| {
+            let cut = cut.is_some_and(|cut| p.step >= cut);
+            cancel.store(cut, Ordering::Relaxed);
+        };
+        let end = run.run_all(see, |outcome| {
+            made.push((outcome.quality, outcome.encoded.bytes, outcome.scores.psnr));
+            ControlFlow::Continue(())
+        });
+        end.unwrap();
+        made
+    };
+    let whole = streams(&options, None);
+    assert_eq!(whole.iter().map(|s| s.0).collect::<Vec<_>>(), [54.0, 46.0]);
+    assert!(whole[1].1.len() < whole[0].1.len() * 3 / 4 && whole[1].2 > 24.0);
+    // Cut in the second stream, which is then not made.
+    options.checkpoint = Some(dir.path().join("further.ckpt"));
+    assert!(streams(&options, Some(330)) == whole[..1]);
+    assert!(streams(&options, None) == whole[1..]);
+    options.checkpoint = None;
+    options.further = vec![60.0];
+    let error = Tune::new(model(), photos(), options).unwrap_err();
+    assert!(error.to_string().contains("further quality"), "{error}");
 }
 
 /// Before its first step the loop has no scene. It was scored all the same.

@@ -61,7 +61,7 @@ struct SceneFigures {
     spz: Option<Vec<Point>>,
     /// gsvx, not tuned.
     gsvx: Curve,
-    /// `gsvx tune`: one tune coded at all qualities, a tune for each.
+    /// `gsvx tune`: one run for all qualities, a run for each.
     one_tune: Option<[Vec<Point>; 2]>,
 }
 
@@ -319,10 +319,10 @@ fn claims(all: &[SceneFigures], steps: u64) -> Result<Table> {
     };
     let paper = |m: &SceneFigures| best(&m.tuned[..2]);
     let gsvx = |m: &SceneFigures| psnr(&m.gsvx);
-    let what = "one encoding, many rates: `gsvx tune` at 66, coded at six qualities, against the paper, fine-tuned";
+    let what = "one encoding, many rates: one run of `gsvx tune --effort quick --qualities`, six streams, against the paper, fine-tuned";
     claim(what, "its promise", &|m| tuned(0, &paper, m));
     claim("the same against gsvx untuned", "", &|m| tuned(0, &gsvx, m));
-    let what = "a tune for each rate, against the paper, fine-tuned once";
+    let what = "a run for each rate, against the paper, fine-tuned once";
     claim(what, "a critical limit of peers", &|m| tuned(1, &paper, m));
     claim("the same against gsvx untuned", "", &|m| tuned(1, &gsvx, m));
     let printed = published_rates()?;

@@ -1,8 +1,11 @@
 //! The curve of `gsvx tune`: pruned and tuned with the codec in the loop, by the library that the command calls.
 
+use std::cell::OnceCell;
+use std::ops::ControlFlow;
+
 use anyhow::{Context, Result};
-use gsvx::EncodeOptions;
-use tune::{Target, Targets, Tune, TuneEffort, TuneOptions};
+use gs_model::Scene;
+use tune::{Progress, Target, Targets, Tune, TuneEffort, TuneOptions};
 
 use super::options::TUNED_QUALITIES;
 use super::plan::TUNED;
@@ -22,49 +25,64 @@ pub(super) fn curve(study: &Study, effort: TuneEffort, qualities: &[f32]) -> Res
 
 fn point(study: &Study, effort: TuneEffort, quality: f32) -> Result<Record> {
     let name = format!("{}-{}-q{quality:.0}", slug(TUNED), effort.name());
-    let encode = || {
-        let mut options = TuneOptions::new(Target::Quality(quality));
-        options.effort = effort;
-        let photos = Targets::Photos(study.photos()?.to_vec());
-        let run = Tune::new(study.test.model.clone(), photos, options)?;
-        let (bar, mut done) = (Bar::new(&format!("tune {name}"), run.plan().steps()), 0);
-        let outcome = run.run(|progress| {
-            bar.step(progress.step - done);
-            done = progress.step;
-        })?;
-        bar.done();
-        let parts = outcome.encoded.parts();
-        Ok((outcome.encoded.bytes, parts))
-    };
-    let decode = |bytes: &[u8]| Ok(gsvx::decode(bytes)?);
+    let encode = || Ok(streams(study, &name, effort, &[quality])?.swap_remove(0));
     let encode = || Encoded::timed(encode);
     let record = study.point(&study.cache, &name, "gsvx", &quality, encode, decode)?;
     Ok(Record { quality, setting: format!("{quality:.0}"), ..record })
 }
 
-/// The quality at which one tune serves all rates.
-const ONE_TUNE: f32 = 66.0;
+fn decode(bytes: &[u8]) -> Result<Scene> {
+    Ok(gsvx::decode(bytes)?)
+}
 
-/// Points of one tune, whose model is coded at all qualities, and of a tune for each.
+/// A stream, and the bytes of its parts.
+type Stream = (Vec<u8>, Vec<(&'static str, u64)>);
+
+/// The streams of one run, at descending qualities.
+fn streams(
+    study: &Study,
+    name: &str,
+    effort: TuneEffort,
+    qualities: &[f32],
+) -> Result<Vec<Stream>> {
+    let [first, further @ ..] = qualities else { return Ok(Vec::new()) };
+    let mut options = TuneOptions::new(Target::Quality(*first));
+    (options.effort, options.further) = (effort, further.to_vec());
+    let photos = Targets::Photos(study.photos()?.to_vec());
+    let run = Tune::new(study.test.model.clone(), photos, options)?;
+    let (bar, mut done) = (Bar::new(&format!("tune {name}"), run.steps()), 0);
+    let see = |progress: &Progress<'_>| {
+        bar.step(progress.step - done);
+        done = progress.step;
+    };
+    let mut made = Vec::new();
+    run.run_all(see, |outcome| {
+        let parts = outcome.encoded.parts();
+        made.push((outcome.encoded.bytes, parts));
+        ControlFlow::Continue(())
+    })?;
+    bar.done();
+    Ok(made)
+}
+
+/// Points of one run for all qualities, and of a run for each.
 pub(crate) fn one_tune(study: &Study) -> Result<[Vec<Point>; 2]> {
-    let each = curve(study, TuneEffort::Quick, &TUNED_QUALITIES)?;
-    let tuned = each.points.iter().find(|p| p.quality == ONE_TUNE).context("no such tune")?;
-    let stream = std::fs::read(study.out.join(&tuned.stream)).context("read the tuned stream")?;
-    let model = gsvx::decode(&stream)?;
-    let seen = finetune::Visibility::of_all(&model, &study.test.training).squared;
-    let again = TUNED_QUALITIES.map(|quality| {
-        let encode = || {
-            let mut options = EncodeOptions::default();
-            options.prepare.drop_unseen = true;
-            let encoded = gsvx::encode(&model, Some(&seen), quality, &options)?;
-            let parts = encoded.parts();
-            Ok((encoded.bytes, parts))
-        };
-        let decode = |bytes: &[u8]| Ok(gsvx::decode(bytes)?);
+    let effort = TuneEffort::Quick;
+    let each = curve(study, effort, &TUNED_QUALITIES)?;
+    let mut descending = TUNED_QUALITIES;
+    descending.reverse();
+    let run = OnceCell::new();
+    let point = |(i, quality): (usize, f32)| {
         let name = format!("one-tune-q{quality:.0}");
+        let encode = || {
+            if run.get().is_none() {
+                let _ = run.set(streams(study, "one-tune", effort, &descending)?);
+            }
+            run.get().and_then(|made| made.get(i).cloned()).context("a stream is missing")
+        };
         let encode = || Encoded::timed(encode);
-        study.point(&study.cache, &name, "gsvx", &(), encode, decode)
-    });
-    let one = again.into_iter().collect::<Result<Vec<Record>>>()?;
+        study.point(&study.cache, &name, "gsvx", &descending, encode, decode)
+    };
+    let one = descending.into_iter().enumerate().map(point).collect::<Result<Vec<Record>>>()?;
     Ok([rates(&one, Metric::Psnr), each.rates(Metric::Psnr)])
 }
