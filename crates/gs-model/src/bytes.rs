@@ -13,6 +13,13 @@ pub(crate) fn half_word(bytes: &[u8], at: usize) -> u16 {
     u16::from_le_bytes(array(bytes, at))
 }
 
+/// An IEEE 754 half float.
+#[cfg(feature = "formats")]
+#[inline]
+pub(crate) fn half(bytes: &[u8], at: usize) -> f32 {
+    half::f16::from_bits(half_word(bytes, at)).to_f32()
+}
+
 #[cfg(feature = "formats")]
 #[inline]
 pub(crate) fn word(bytes: &[u8], at: usize) -> u32 {

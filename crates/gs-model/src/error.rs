@@ -222,10 +222,14 @@ pub(crate) fn excerpt(bytes: &[u8]) -> String {
 }
 
 /// Names separated by commas, the first few of many; `None` if there is none.
-pub(crate) fn list(names: impl Iterator<Item = String>) -> Option<String> {
-    const MOST: usize = 12;
-    let names: Vec<String> = names.map(|name| excerpt(name.as_bytes())).collect();
-    let more = names.len().saturating_sub(MOST);
+pub(crate) fn list(names: impl IntoIterator<Item = String>) -> Option<String> {
+    list_of(12, names)
+}
+
+/// As [`list`], at most so many.
+pub(crate) fn list_of(most: usize, names: impl IntoIterator<Item = String>) -> Option<String> {
+    let names: Vec<String> = names.into_iter().map(|name| excerpt(name.as_bytes())).collect();
+    let more = names.len().saturating_sub(most);
     let shown = names[..names.len() - more].join(", ");
     match (names.len(), more) {
         (0, _) => None,

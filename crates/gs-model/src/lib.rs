@@ -63,6 +63,8 @@ pub mod error;
 mod formats;
 #[cfg(feature = "files")]
 mod fs;
+#[cfg(any(feature = "cameras", feature = "formats"))]
+mod json;
 #[cfg(feature = "layouts")]
 pub mod layout;
 #[cfg(feature = "files")]

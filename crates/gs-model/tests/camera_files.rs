@@ -2,33 +2,12 @@
 
 mod common;
 
-use std::fs;
 use std::path::Path;
 
-use common::says;
+use common::{image_rows, put, put_colmap, says};
 use gs_model::dataset::{cameras_in, open_cameras};
 use gs_model::{CameraSet, Result};
 use serde_json::{Value, json};
-use tempfile::TempDir;
-
-fn put(dir: &TempDir, name: &str, contents: impl AsRef<[u8]>) {
-    let path = dir.path().join(name);
-    fs::create_dir_all(path.parent().unwrap()).unwrap();
-    fs::write(path, contents).unwrap();
-}
-
-/// Rows of an images.txt; `between` follows each.
-fn rows(images: &[&str], between: &str) -> String {
-    let pose = "0.9 0.1 -0.3 0.2 1.5 -2 0.5 1";
-    let row = |(i, name): (usize, &&str)| format!("{} {pose} {name}\n{between}", i + 1);
-    images.iter().enumerate().map(row).collect()
-}
-
-fn put_colmap(dir: &TempDir, under: &str, images: &[&str]) {
-    let file = |name: &str| Path::new(under).join(name).display().to_string();
-    put(dir, &file("cameras.txt"), "1 PINHOLE 8 6 10 10 4 3\n");
-    put(dir, &file("images.txt"), rows(images, "\n"));
-}
 
 fn names(set: &CameraSet) -> Vec<&str> {
     set.views.iter().map(|v| &v.camera.name[..]).collect()
@@ -64,7 +43,9 @@ fn images_are_read_with_and_without_lines_of_points() {
     let mut sorted = images.to_vec();
     sorted.sort_unstable();
     for between in ["", "\n", "1.5 2.5 -1 3 4 17 5 6 -1 7 8 9\n", "1.5 2.5 -1\n"] {
-        for text in [rows(&images, between), rows(&images, between).replace('\n', "\r\n")] {
+        for text in
+            [image_rows(&images, between), image_rows(&images, between).replace('\n', "\r\n")]
+        {
             assert_eq!(
                 names(&read(format!("\u{feff}# Images\n{text}")).unwrap()),
                 sorted,
@@ -73,7 +54,7 @@ fn images_are_read_with_and_without_lines_of_points() {
         }
     }
     // A line that is neither an image nor a list of points.
-    says(read(rows(&images, "1.5 2.5\n")), "images.txt: line 2: bad ");
+    says(read(image_rows(&images, "1.5 2.5\n")), "images.txt: line 2: bad ");
 }
 
 #[test]
@@ -194,34 +175,24 @@ fn the_content_of_a_camera_file_decides() {
 #[test]
 fn transforms_of_all_exporters_say_the_same() {
     let right = of_text(transforms(vec![frame("images/a.png")]).to_string()).unwrap();
-    let variants: [(&str, Value); 6] = [
-        ("a last row to few digits", {
-            let mut all = transforms(vec![frame("images/a.png")]);
-            all["frames"][0]["transform_matrix"][3][3] = json!(0.9999999);
-            all
+    type Change = fn(&mut Value);
+    let variants: [(&str, Change); 6] = [
+        ("few digits", |all| all["frames"][0]["transform_matrix"][3][3] = json!(0.9999999)),
+        ("backslashes", |all| all["frames"][0]["file_path"] = json!(".\\images\\a.png")),
+        ("numbers as text", |all| {
+            (all["fl_x"], all["w"], all["h"]) = (json!("10.0"), json!("8"), json!("6.0"));
         }),
-        ("backslashes", transforms(vec![frame(".\\images\\a.png")])),
-        (
-            "numbers as text",
-            json!({"fl_x": "10.0", "w": "8", "h": "6.0", "frames": [frame("images/a.png")]}),
-        ),
-        ("three rows", {
-            let mut all = transforms(vec![frame("images/a.png")]);
+        ("three rows", |all| {
             all["frames"][0]["transform_matrix"].as_array_mut().unwrap().pop();
-            all
         }),
-        ("one list", {
-            let mut all = transforms(vec![frame("images/a.png")]);
+        ("one list", |all| {
             all["frames"][0]["transform_matrix"] = json!(IDENTITY.as_flattened());
-            all
         }),
-        ("rounded", {
-            let mut all = transforms(vec![frame("images/a.png")]);
-            all["frames"][0]["transform_matrix"][0][0] = json!(0.9999);
-            all
-        }),
+        ("rounded", |all| all["frames"][0]["transform_matrix"][0][0] = json!(0.9999)),
     ];
-    for (what, variant) in variants {
+    for (what, change) in variants {
+        let mut variant = transforms(vec![frame("images/a.png")]);
+        change(&mut variant);
         let set = of_text(variant.to_string()).unwrap();
         assert_eq!(names(&set), names(&right), "{what}");
         let [a, b] = [&set, &right].map(|set| set.views[0].camera.clone());
@@ -281,7 +252,7 @@ fn cameras_of_equal_names_are_numbered_and_take_no_photo() {
 }
 
 #[test]
-fn lenses_wider_than_a_pinhole_are_read_by_name() {
+fn lenses_are_read_by_name() {
     let lens = |keys: Value| {
         let mut all = transforms(vec![frame("a.png")]);
         all.as_object_mut().unwrap().append(keys.clone().as_object_mut().unwrap());
@@ -292,11 +263,19 @@ fn lenses_wider_than_a_pinhole_are_read_by_name() {
     let k = json!({"is_fisheye": true, "k1": 0.1, "k2": 0.2, "k3": 0.3, "k4": 0.4});
     assert_eq!(lens(k), found("OPENCV_FISHEYE", &[0.1, 0.2, 0.3, 0.4]));
     assert_eq!(lens(json!({"is_fisheye": false})), None);
+    assert_eq!(lens(json!({"k2": 0.0, "camera_model": "OPENCV"})), None);
     assert_eq!(lens(json!({"camera_model": "equirectangular"})), found("EQUIRECTANGULAR", &[]));
     assert_eq!(lens(json!({"equirectangular": true})), found("EQUIRECTANGULAR", &[]));
     assert_eq!(lens(json!({"ftheta_p0": 0.1})), found("FTHETA", &[]));
     assert_eq!(lens(json!({"camera_model": "SIMPLE_RADIAL", "k1": 0.1})).unwrap().0, "FULL_OPENCV");
     assert_eq!(lens(json!({"camera_model": "ORTHOPHOTO"})), found("ORTHOPHOTO", &[]));
+    // A frame has values of its own beside those of the file.
+    let mut all = transforms(vec![frame("a.png")]);
+    (all["k2"], all["frames"][0]["k1"]) = (json!(0.2), json!(0.1));
+    all["frames"][0]["p2"] = json!(-1e-3);
+    let lens = of_text(all.to_string()).unwrap().views.remove(0).camera.lens.unwrap();
+    assert_eq!(lens.model, "FULL_OPENCV");
+    assert_eq!(lens.coefficients, [0.1, 0.2, 0.0, -1e-3, 0.0, 0.0, 0.0, 0.0]);
     // A panorama needs no focal length.
     let mut all = transforms(vec![frame("a.png")]);
     all.as_object_mut().unwrap().remove("fl_x");
@@ -310,7 +289,7 @@ fn lenses_wider_than_a_pinhole_are_read_by_name() {
         ("1 EUCM 8 6 3 3 4 3 0.5 1\n", "EUCM"),
     ] {
         put(&dir, "sparse/0/cameras.txt", row);
-        put(&dir, "sparse/0/images.txt", rows(&["a"], "\n"));
+        put(&dir, "sparse/0/images.txt", image_rows(&["a"], "\n"));
         let set = open_cameras(dir.path()).unwrap();
         assert_eq!(set.views[0].camera.lens.as_ref().unwrap().model, model);
     }

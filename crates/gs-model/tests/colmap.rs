@@ -1,11 +1,12 @@
-//! COLMAP models: one fixture written as `.bin` and as `.txt`, whole, cut, and wrong.
+//! COLMAP models and their points: one fixture written as `.bin` and as `.txt`, whole, cut, and wrong.
 
 mod common;
 
 use std::path::Path;
 
-use common::says;
-use gs_model::colmap;
+use common::{put, says};
+use gs_model::colmap::{self, Point, read_points};
+use gs_model::dataset::open_points;
 use gs_model::{Camera, Error};
 use tempfile::TempDir;
 
@@ -105,9 +106,7 @@ impl Model {
 
 fn folder(files: &[(&str, Vec<u8>)]) -> TempDir {
     let dir = tempfile::tempdir().unwrap();
-    for (name, bytes) in files {
-        std::fs::write(dir.path().join(name), bytes).unwrap();
-    }
+    files.iter().for_each(|(name, bytes)| put(&dir, name, bytes));
     dir
 }
 
@@ -142,14 +141,6 @@ fn binary_and_text_say_the_same() {
     assert!(
         (cameras[2].rotation * cameras[2].position() + cameras[2].translation).length() < 1e-12
     );
-}
-
-#[test]
-fn text_with_windows_line_ends_is_read() {
-    let crlf = model().text().map(|(name, bytes)| {
-        (name, String::from_utf8(bytes).unwrap().replace('\n', "\r\n").into_bytes())
-    });
-    assert_eq!(read(folder(&crlf).path()).unwrap(), read(folder(&model().text()).path()).unwrap());
 }
 
 #[test]
@@ -298,4 +289,64 @@ fn text_mistakes_name_the_line() {
     files[1].1 = text.into_bytes();
     says(read(folder(&files).path()), &format!("line {number}: bad"));
     says(read(folder(&files).path()), &format!("nor does line {number} list points"));
+}
+
+const POINTS: [Point; 2] = [
+    Point { position: [0.5, -2.0, 1e-3], colour: [255, 0, 17] },
+    Point { position: [3.0, 4.0, -5.0], colour: [1, 2, 3] },
+];
+
+fn binary_points(points: &[Point]) -> Vec<u8> {
+    let mut out = (points.len() as u64).to_le_bytes().to_vec();
+    for (id, p) in (1u64..).zip(points) {
+        out.extend(id.to_le_bytes());
+        out.extend(p.position.iter().flat_map(|v| v.to_le_bytes()));
+        out.extend(p.colour);
+        out.extend(0.25f64.to_le_bytes());
+        // It shows in as many images as its number says.
+        out.extend(id.to_le_bytes());
+        out.extend((0..id).flat_map(|_| [7; 8]));
+    }
+    out
+}
+
+fn text_points(points: &[Point]) -> Vec<u8> {
+    let mut out = "# 3D point list\n".to_owned();
+    for (id, Point { position: [x, y, z], colour: [r, g, b] }) in (1..).zip(points) {
+        out += &format!("{id} {x} {y} {z} {r} {g} {b} 0.25 1 7 2 9\n");
+    }
+    out.into_bytes()
+}
+
+fn points(name: &str, bytes: &[u8]) -> Result<Vec<Point>, Error> {
+    read_points(folder(&[(name, bytes.to_vec())]).path())
+}
+
+#[test]
+fn binary_and_text_hold_the_same_points() {
+    assert_eq!(points("points3D.bin", &binary_points(&POINTS)).unwrap(), POINTS);
+    assert_eq!(points("points3D.txt", &text_points(&POINTS)).unwrap(), POINTS);
+}
+
+#[test]
+fn points_cut_at_any_byte_are_an_error() {
+    let whole = binary_points(&POINTS);
+    for len in 0..whole.len() {
+        says(points("points3D.bin", &whole[..len]), &format!("truncated at byte {len}"));
+    }
+    let mut promising = whole;
+    promising[..8].copy_from_slice(&u64::MAX.to_le_bytes());
+    says(points("points3D.bin", &promising), "promises");
+}
+
+#[test]
+fn points_that_cannot_be_trained_from_are_named() {
+    says(
+        points("points3D.bin", &binary_points(&[])),
+        "points3D.bin: the list of points: it is empty",
+    );
+    says(points("points3D.txt", b"1 0 0 0 256 0 0 0.1\n"), "line 1: bad colour");
+    let nowhere = Point { position: [0.0, f64::NAN, 0.0], ..POINTS[0] };
+    says(points("points3D.bin", &binary_points(&[POINTS[1], nowhere])), "point 1: its position");
+    says(open_points(tempfile::tempdir().unwrap().path()), "points3D");
 }

@@ -5,16 +5,11 @@ mod common;
 use std::fs;
 use std::path::Path;
 
-use common::{says, scene, share_in_view, shared};
+use common::{put, put_colmap, says, scene, share_in_view, shared, written};
 use gs_model::dataset::{Dataset, open_views};
 use gs_model::{Camera, Error, Result, View, ply};
 use serde_json::json;
 use tempfile::TempDir;
-
-/// The views of a folder whose photos are needed.
-fn views(dir: &Path) -> Result<Vec<View>> {
-    open_views(dir)
-}
 
 /// The start of a PNG file of this size.
 fn png(width: u32, height: u32) -> Vec<u8> {
@@ -22,23 +17,8 @@ fn png(width: u32, height: u32) -> Vec<u8> {
     [start, &width.to_be_bytes(), &height.to_be_bytes(), b"\x08\x02\0\0\0"].concat()
 }
 
-fn put(dir: &TempDir, name: &str, contents: impl AsRef<[u8]>) {
-    let path = dir.path().join(name);
-    fs::create_dir_all(path.parent().unwrap()).unwrap();
-    fs::write(path, contents).unwrap();
-}
-
 fn put_model(dir: &TempDir, name: &str) {
-    let path = dir.path().join(name);
-    fs::create_dir_all(path.parent().unwrap()).unwrap();
-    ply::write(path, &scene(1, 0)).unwrap();
-}
-
-/// A COLMAP text model with these images, all from one camera.
-fn put_colmap(dir: &TempDir, under: &str, images: &[&str]) {
-    put(dir, &format!("{under}/cameras.txt"), "1 PINHOLE 8 6 10 10 4 3\n");
-    let rows: String = images.iter().map(|n| format!("1 1 0 0 0 0 0 0 1 {n}\n\n")).collect();
-    put(dir, &format!("{under}/images.txt"), rows);
+    put(dir, name, written("ply", &scene(1, 0)));
 }
 
 /// A camera in general position.
@@ -130,20 +110,6 @@ fn the_model_is_found() {
 }
 
 #[test]
-fn a_folder_without_cameras_says_what_to_put_there() {
-    let dir = tempfile::tempdir().unwrap();
-    says(Dataset::open(dir.path()), "transforms.json");
-    put(&dir, "file", "");
-    for none in ["gone", "file"] {
-        let outcome = Dataset::open(dir.path().join(none));
-        assert!(
-            matches!(outcome, Err(Error::Io { .. } | Error::OtherFormat { .. })),
-            "{outcome:?}"
-        );
-    }
-}
-
-#[test]
 fn inria_output_finds_its_photos() {
     let source = tempfile::tempdir().unwrap();
     put(&source, "images_2/b.x.JPG", "photo");
@@ -175,9 +141,9 @@ fn inria_output_finds_its_photos() {
     assert_eq!(photos[3], images.join("d.png"));
     // Without cfg_args, and with one that names a missing folder, the output folder's photos remain.
     put(&dir, "cfg_args", "Namespace(source_path='/nowhere/at/all')");
-    assert_eq!(views(dir.path()).unwrap()[1].image_path, images.join("b.png"));
+    assert_eq!(open_views(dir.path()).unwrap()[1].image_path, images.join("b.png"));
     fs::remove_file(dir.path().join("cfg_args")).unwrap();
-    assert_eq!(views(dir.path()).unwrap()[1].image_path, images.join("b.png"));
+    assert_eq!(open_views(dir.path()).unwrap()[1].image_path, images.join("b.png"));
 }
 
 #[test]
@@ -214,18 +180,21 @@ fn transforms_with_an_angle_take_the_size_from_the_photo() {
         json!({"file_path": "./train/r_0", "rotation": 0.1, "transform_matrix": nerf_matrix(&c)});
     put(&dir, "transforms.json", json!({"camera_angle_x": 0.69, "frames": [frame]}).to_string());
     put(&dir, "train/r_0.png", png(800, 600));
-    let found = views(dir.path()).unwrap();
+    let found = open_views(dir.path()).unwrap();
     assert_same(&found[0].camera, &c);
     assert_eq!(found[0].image_path, dir.path().join("train/r_0.png"));
     // A progressive JPEG under that name.
     let jpeg = b"\xff\xd8\xff\xe0\0\x04ab\xff\xc4\0\x03x\xff\xc2\0\x11\x08\x02\x58\x03\x20\x03";
     put(&dir, "train/r_0.png", jpeg);
-    assert_same(&views(dir.path()).unwrap()[0].camera, &c);
+    assert_same(&open_views(dir.path()).unwrap()[0].camera, &c);
     // The photo is not an image; then it is missing.
     put(&dir, "train/r_0.png", "GIF89a");
-    says(views(dir.path()), "image header: not that of a whole PNG, JPEG or WebP");
+    says(open_views(dir.path()), "image header: not that of a whole PNG, JPEG or WebP");
     fs::remove_file(dir.path().join("train/r_0.png")).unwrap();
-    says(views(dir.path()), "no size: w and h are not in the file, and the photo is not there");
+    says(
+        open_views(dir.path()),
+        "no size: w and h are not in the file, and the photo is not there",
+    );
 }
 
 #[test]
@@ -237,7 +206,7 @@ fn wrong_transforms_are_named() {
         let mut json = good.clone();
         change(&mut json);
         put(&dir, "transforms.json", json.to_string());
-        views(dir.path())
+        open_views(dir.path())
     };
     assert!(read(&|_| {}).is_ok());
     let mirrored = json!([[-1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]);
@@ -264,7 +233,7 @@ fn wrong_inria_cameras_are_named() {
     let dir = tempfile::tempdir().unwrap();
     let read = |json: &str| {
         put(&dir, "cameras.json", json);
-        views(dir.path())
+        open_views(dir.path())
     };
     says(read("[]"), "cameras.json: the list of cameras: it is empty");
     says(read(""), "cameras.json: is empty");
@@ -279,9 +248,8 @@ fn wrong_inria_cameras_are_named() {
     assert!(matches!(read(&json!([entry]).to_string()), Err(Error::BadCamera { .. })));
 }
 
-/// Rendering such cameras aborted because memory ran out.
 #[test]
-fn images_of_100000_by_100000_pixels_are_refused() {
+fn images_beyond_the_largest_size_are_refused() {
     let refused = |outcome: Result<Vec<View>>| {
         let at_most =
             "100000 x 100000 pixels is too large: at most 65535 along an edge and 715827882";
@@ -291,25 +259,24 @@ fn images_of_100000_by_100000_pixels_are_refused() {
     let mut entry = inria_entry(&camera("a"));
     (entry["width"], entry["height"]) = (json!(100_000), json!(100_000));
     put(&dir, "cameras.json", json!([entry]).to_string());
-    refused(views(dir.path()));
+    refused(open_views(dir.path()));
 
     let dir = tempfile::tempdir().unwrap();
     let frame = json!({"file_path": "a.png", "transform_matrix": nerf_matrix(&camera("a.png"))});
     let size = json!({"fl_x": 500.0, "w": 100_000, "h": 100_000.0, "frames": [frame]});
     put(&dir, "transforms.json", size.to_string());
-    refused(views(dir.path()));
+    refused(open_views(dir.path()));
     // The size may also come from the photo.
     put(&dir, "transforms.json", json!({"fl_x": 500.0, "frames": [frame]}).to_string());
     put(&dir, "a.png", png(100_000, 100_000));
-    refused(views(dir.path()));
+    refused(open_views(dir.path()));
 
     let dir = tempfile::tempdir().unwrap();
     put_colmap(&dir, "sparse/0", &["a.png"]);
     put(&dir, "sparse/0/cameras.txt", "1 PINHOLE 100000 100000 10 10 4 3\n");
-    refused(views(dir.path()));
+    refused(open_views(dir.path()));
 }
 
-/// Nerfstudio moves the world before it trains.
 #[test]
 fn cameras_follow_the_models_of_nerfstudio() {
     let dir = tempfile::tempdir().unwrap();
@@ -318,11 +285,11 @@ fn cameras_follow_the_models_of_nerfstudio() {
     let transforms = json!({"fl_x": 500.0, "w": 640, "h": 480, "frames": [frame],
         "applied_transform": applied, "applied_scale": 4.0});
     put(&dir, "transforms.json", transforms.to_string());
-    let before = views(dir.path()).unwrap().remove(0).camera;
+    let before = open_views(dir.path()).unwrap().remove(0).camera;
     // By a third of a turn about (1, 1, 1), a shift and a scale.
     let saved = json!({"transform": [[0, 0, 1, 3], [1, 0, 0, -2], [0, 1, 0, 1]], "scale": 0.5});
     put(&dir, "dataparser_transforms.json", saved.to_string());
-    let after = views(dir.path()).unwrap().remove(0).camera;
+    let after = open_views(dir.path()).unwrap().remove(0).camera;
     let first = glam::DVec3::new(0.3, -0.2, 5.0);
     let [x, y, z] = first.to_array();
     // Where the two steps put a point that both files are about.
@@ -338,32 +305,10 @@ fn cameras_follow_the_models_of_nerfstudio() {
         [json!({"transform": [], "scale": 1}), json!({"transform": saved["transform"], "scale": 0})]
     {
         put(&dir, "dataparser_transforms.json", broken.to_string());
-        says(views(dir.path()), "dataparser_transforms.json: transform: 3 rows");
+        says(open_views(dir.path()), "dataparser_transforms.json: transform: 3 rows");
     }
 }
 
-#[test]
-fn the_lenses_of_transforms_are_read() {
-    let lens = |keys: serde_json::Value| {
-        let nerf = tempfile::tempdir().unwrap();
-        let mut frame =
-            json!({"file_path": "a.png", "transform_matrix": nerf_matrix(&camera("a.png"))});
-        frame.as_object_mut().unwrap().append(keys.clone().as_object_mut().unwrap());
-        let json = json!({"fl_x": 500.0, "w": 8, "h": 6, "k2": 0.2, "frames": [frame]});
-        put(&nerf, "transforms.json", json.to_string());
-        let camera = views(nerf.path()).unwrap().remove(0).camera;
-        camera.lens.map(|lens| (lens.model, lens.coefficients))
-    };
-    let found = |model: &str, coefficients: &[f64]| Some((model.into(), coefficients.to_vec()));
-    let bent = found("FULL_OPENCV", &[0.1, 0.2, 0.0, -1e-3, 0.0, 0.0, 0.0, 0.0]);
-    assert_eq!(lens(json!({"k1": 0.1, "p2": -1e-3})), bent);
-    assert_eq!(lens(json!({"k2": 0.0, "camera_model": "OPENCV"})), None);
-    let fisheye = found("OPENCV_FISHEYE", &[0.0, 0.2, 0.0, 0.0]);
-    assert_eq!(lens(json!({"camera_model": "OPENCV_FISHEYE"})), fisheye);
-    assert_eq!(lens(json!({"camera_model": "EQUIRECTANGULAR"})), found("EQUIRECTANGULAR", &[]));
-}
-
-/// A printed chain of causes contained each cause twice.
 #[test]
 fn a_message_contains_its_cause_once() {
     let dir = tempfile::tempdir().unwrap();

@@ -2,19 +2,16 @@
 
 mod common;
 
-use common::{fixture, read};
+use common::{ENCODINGS, File, LITTLE, read, written};
 use gs_model::{Doubts, Scene, ply};
 
 /// A hundred Gaussians of the room.
 fn room() -> Scene {
-    let (room, _) = ply::read(fixture("room/point_cloud.ply")).unwrap();
-    room.select(&(0..11_000).step_by(110).collect::<Vec<_>>())
+    common::room(110, 3).select(&(0..100).collect::<Vec<_>>())
 }
 
 fn said(scene: &Scene) -> String {
-    let mut file = Vec::new();
-    ply::write_to(&mut file, scene).unwrap();
-    let (_, report) = read("a.ply", &file).unwrap();
+    let (_, report) = read("a.ply", &written("ply", scene)).unwrap();
     assert_eq!(report.warnings, Doubts::of(scene).sentences());
     report.warnings.join("; ")
 }
@@ -69,29 +66,12 @@ fn floats_that_arrive_coarse_are_said_with_step_size_and_remedy() {
     assert!(said.contains("steps of 0.5") && said.contains("subtract an offset"), "{said}");
 }
 
-/// The rows of a PLY with positions as doubles, far from the origin, little-endian or ASCII.
-fn utm(scene: &Scene, ascii: bool) -> Vec<u8> {
-    let format = if ascii { "ascii" } else { "binary_little_endian" };
-    let mut file = format!("ply\nformat {format} 1.0\nelement vertex {}\n", scene.len());
-    ["x", "y", "z"].iter().for_each(|n| file += &format!("property double {n}\n"));
-    let names = ["f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2"];
-    let names = names.into_iter().chain(["rot_0", "rot_1", "rot_2", "rot_3"]);
-    names.for_each(|n| file += &format!("property float {n}\n"));
-    let mut file = (file + "end_header\n").into_bytes();
-    for i in 0..scene.len() {
-        let position: [f64; 3] = std::array::from_fn(|k| UTM[k] + f64::from(scene.means[i][k]));
-        let (sh, opacity) = (scene.sh_of(i)[0], [scene.opacity_logits[i]]);
-        let floats = [&sh[..], &opacity, &scene.log_scales[i], &scene.rotations[i]].concat();
-        if ascii {
-            let doubles = position.map(|x| x.to_string()).join(" ");
-            let floats: Vec<String> = floats.iter().map(f32::to_string).collect();
-            file.extend(format!("{doubles} {}\n", floats.join(" ")).bytes());
-        } else {
-            position.iter().for_each(|x| file.extend(x.to_le_bytes()));
-            floats.iter().for_each(|x| file.extend(x.to_le_bytes()));
-        }
-    }
-    file
+/// A PLY with positions as doubles, far from the origin.
+fn utm(scene: &Scene, encoding: &'static str) -> Vec<u8> {
+    let mut file = File::inria(encoding, 0);
+    file.properties[..3].iter_mut().for_each(|p| p.kind = "double");
+    file.shift = UTM;
+    file.bytes(scene).0
 }
 
 const UTM: [f64; 3] = [389_477.25, 5_435_291.5, 120.0];
@@ -100,8 +80,8 @@ const UTM: [f64; 3] = [389_477.25, 5_435_291.5, 120.0];
 fn doubles_far_from_the_origin_keep_their_places() {
     let mut scene = room();
     scene.cut_sh(0);
-    for ascii in [false, true] {
-        let (back, report) = read("utm.ply", &utm(&scene, ascii)).unwrap();
+    for encoding in ENCODINGS {
+        let (back, report) = read("utm.ply", &utm(&scene, encoding)).unwrap();
         assert!(report.warnings.is_empty(), "{:?}", report.warnings);
         assert!(report.notes.join("; ").contains("relative to the origin"), "{:?}", report.notes);
         let off = |a: &Scene, i: usize, k: usize| {
@@ -115,9 +95,7 @@ fn doubles_far_from_the_origin_keep_their_places() {
         assert!(worst(&back) < 1e-6, "{}", worst(&back));
         // In a file, too.
         for name in ["ply", "compressed-ply"] {
-            let mut file = Vec::new();
-            gs_model::Format::named(name).unwrap().write_to("a", &mut file, &back).unwrap();
-            let (again, report) = read("a.ply", &file).unwrap();
+            let (again, report) = read("a.ply", &written(name, &back)).unwrap();
             assert_eq!(again.origin, back.origin);
             assert!(report.sentences().is_empty(), "{:?}", report.sentences());
             assert!(name != "ply" || again == back);
@@ -131,7 +109,7 @@ fn a_large_file_of_doubles_is_read_in_parts_alike() {
     scene.cut_sh(0);
     let all: Vec<usize> = (0..scene.len()).cycle().take(70_000).collect();
     let scene = scene.select(&all);
-    let file = utm(&scene, false);
+    let file = utm(&scene, LITTLE);
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("utm.ply");
     std::fs::write(&path, &file).unwrap();
@@ -150,14 +128,10 @@ fn a_large_file_of_doubles_is_read_in_parts_alike() {
 
 #[test]
 fn one_far_gaussian_does_not_coarsen_a_compressed_ply() {
-    let (mut room, _) = ply::read(fixture("room/point_cloud.ply")).unwrap();
-    room.cut_sh(0);
-    let compressed = gs_model::Format::named("compressed-ply").unwrap();
+    let mut room = common::room(1, 0);
     // Of each Gaussian the distance to the nearest one that comes back, in its size; of those that show.
     let errors = |scene: &Scene| {
-        let mut file = Vec::new();
-        compressed.write_to("a", &mut file, scene).unwrap();
-        let (back, _) = read("a.ply", &file).unwrap();
+        let (back, _) = read("a.ply", &written("compressed-ply", scene)).unwrap();
         let mut errors: Vec<f32> = (0..11_000)
             .step_by(37)
             .map(|i| {

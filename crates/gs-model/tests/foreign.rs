@@ -2,30 +2,15 @@
 
 mod common;
 
-use std::io::Write;
-
-use common::{read, says};
-use gs_model::{Format, ply};
-
-fn zipped(members: &[(&str, &[u8])]) -> Vec<u8> {
-    let mut zip = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
-    for (name, bytes) in members {
-        zip.start_file(*name, zip::write::SimpleFileOptions::default()).unwrap();
-        zip.write_all(bytes).unwrap();
-    }
-    zip.finish().unwrap().into_inner()
-}
-
-fn gzipped(bytes: &[u8]) -> Vec<u8> {
-    let mut zip = flate2::write::GzEncoder::new(Vec::new(), Default::default());
-    zip.write_all(bytes).unwrap();
-    zip.finish().unwrap()
-}
+use common::{gzip, read, says, written, zipped};
 
 fn model() -> Vec<u8> {
-    let mut file = Vec::new();
-    ply::write_to(&mut file, &common::scene(5, 0)).unwrap();
-    file
+    written("ply", &common::scene(5, 0))
+}
+
+/// An archive of one member.
+fn archive(name: &str, bytes: &[u8]) -> Vec<u8> {
+    zipped(&[(name, bytes.to_vec())])
 }
 
 #[test]
@@ -62,16 +47,16 @@ fn a_file_that_is_no_model_is_named_with_what_to_do() {
 #[test]
 fn archives_are_named_by_what_they_hold() {
     let ply = model();
-    let luma = zipped(&[("point_cloud.ply", &ply)]);
+    let luma = archive("point_cloud.ply", &ply);
     says(read("a.zip", &luma), "a zip archive that holds \"point_cloud.ply\"; unzip it");
     says(read("a.ply", &luma), "unzip it");
-    let npz = zipped(&[("means.npy", b"\x93NUMPY")]);
+    let npz = archive("means.npy", b"\x93NUMPY");
     says(read("a.npz", &npz), "tensors");
-    says(read("a.pt", &zipped(&[("archive/data.pkl", b"")])), "tensors");
-    says(read("a.usdz", &zipped(&[("a.usdc", b"")])), "a USD scene");
-    says(read("a.zip", &zipped(&[("notes.txt", b"")])), "no SOG");
-    says(read("a.ply.gz", &gzipped(&ply)), "a PLY compressed by gzip and no SPZ; unpack it first");
-    says(read("a.tgz", &gzipped(&[0; 600])), "tar xzf");
+    says(read("a.pt", &archive("archive/data.pkl", b"")), "tensors");
+    says(read("a.usdz", &archive("a.usdc", b"")), "a USD scene");
+    says(read("a.zip", &archive("notes.txt", b"")), "no SOG");
+    says(read("a.ply.gz", &gzip(&ply)), "a PLY compressed by gzip and no SPZ; unpack it first");
+    says(read("a.tgz", &gzip(&[0; 600])), "tar xzf");
 }
 
 #[test]
@@ -117,10 +102,7 @@ fn the_first_bytes_of_a_model_outweigh_its_name() {
 /// The rows of a .splat may start with any byte, those of other files included.
 #[test]
 fn a_splat_is_read_whatever_its_first_bytes() {
-    let mut file = Vec::new();
-    let mut scene = common::scene(3, 0);
-    scene.log_scales.fill([-3.0; 3]);
-    Format::named("splat").unwrap().write_to("a", &mut file, &scene).unwrap();
+    let mut file = written("splat", &common::mild(3, 0));
     for start in [&b"\x80\x02"[..], b"\xff\xd8\xff", b"PK", b"\x1f\x8b", b"{\"a", b"[12"] {
         file[..start.len()].copy_from_slice(start);
         assert_eq!(read("a.splat", &file).unwrap().0.len(), 3, "{start:?}");
@@ -141,10 +123,12 @@ fn early_files_of_other_tools_named_splat_are_not_read_as_garbage() {
 
 #[test]
 fn a_sog_in_a_folder_of_its_archive_is_found() {
-    let named =
-        zipped(&[("scene/meta.json", b"{\"version\": 2}"), ("__MACOSX/scene/._meta.json", b"")]);
+    let named = zipped(&[
+        ("scene/meta.json", b"{\"version\": 2}".to_vec()),
+        ("__MACOSX/scene/._meta.json", Vec::new()),
+    ]);
     // Its meta.json is read.
     says(read("a.sog", &named), "meta.json");
-    let elsewhere = zipped(&[("scene/other_meta.json", b"{}")]);
+    let elsewhere = archive("scene/other_meta.json", b"{}");
     says(read("a.sog", &elsewhere), "no SOG");
 }

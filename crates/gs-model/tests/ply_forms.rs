@@ -1,10 +1,13 @@
-//! One scene, many forms of its file: every one must read as the same bits.
+//! One scene, many forms of its file: every one must read as the same bits. Models whose columns differ from the Inria
+//! layout.
 
 mod common;
 
-use common::{ASCII, ENCODINGS, File, LITTLE, Property, bits, read, says, scene};
+use common::{
+    ASCII, DROP, ENCODINGS, File, LITTLE, Property, ascii_ply, bits, read, says, scene, written,
+};
 use gs_model::ply::{self, Parts};
-use gs_model::{Invalid, ReadOptions, Scene};
+use gs_model::{ReadOptions, Report, Result, Scene};
 
 /// A fixed shuffle: the same in every run.
 fn shuffle<T>(items: &mut [T], seed: u64) {
@@ -110,8 +113,7 @@ fn every_scalar_type_is_converted() {
 fn the_writer_writes_the_inria_layout() {
     for degree in 0..4 {
         let scene = scene(5, degree);
-        let mut ours = Vec::new();
-        ply::write_to(&mut ours, &scene).unwrap();
+        let ours = written("ply", &scene);
         let (mut theirs, _) = File::inria(LITTLE, degree).bytes(&scene);
         let comment = b"comment made by a test\n";
         let at = theirs.windows(comment.len()).position(|w| w == comment).unwrap();
@@ -128,8 +130,7 @@ fn any_number_of_threads_reads_and_writes_the_same() {
     for threads in [1, 2, 8] {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let outcome = pool.install(|| {
-            let mut bytes = Vec::new();
-            ply::write_to(&mut bytes, &scene).unwrap();
+            let bytes = written("ply", &scene);
             let back = ply::read_bytes(&bytes).unwrap().0;
             (bytes, back)
         });
@@ -145,9 +146,7 @@ fn no_gaussians_is_a_scene() {
         let (back, _) = ply::read_bytes(&bytes).unwrap();
         assert!(back.is_empty() && back.sh_degree == 2);
     }
-    let mut bytes = Vec::new();
-    ply::write_to(&mut bytes, &Scene::default()).unwrap();
-    assert!(ply::read_bytes(&bytes).unwrap().0.is_empty());
+    assert!(ply::read_bytes(&written("ply", &Scene::default())).unwrap().0.is_empty());
 }
 
 #[test]
@@ -247,7 +246,7 @@ fn a_file_in_parts_is_the_whole_file() {
     let mut whole = scene(30_000, 3);
     (whole.log_scales, whole.sh) = (vec![[-3.0; 3]; 30_000], vec![[0.5; 3]; 16 * 30_000]);
     ply::write(&path, &whole).unwrap();
-    let read = |options: &ReadOptions| -> gs_model::Result<Vec<Scene>> {
+    let read = |options: &ReadOptions| -> Result<Vec<Scene>> {
         let mut parts = Parts::open(&path, options)?.unwrap();
         assert_eq!(parts.gaussians_in_file(), 30_000);
         std::iter::from_fn(|| parts.next_part().transpose()).collect()
@@ -264,8 +263,58 @@ fn a_file_in_parts_is_the_whole_file() {
     ply::write(&path, &whole).unwrap();
     let error = ply::read(&path).unwrap_err().to_string();
     assert_eq!(read(&ReadOptions::default()).unwrap_err().to_string(), error);
-    let drop = ReadOptions { invalid: Invalid::Drop, ..Default::default() };
-    assert_eq!(read(&drop).unwrap().iter().map(Scene::len).sum::<usize>(), 29_997);
+    assert_eq!(read(&DROP).unwrap().iter().map(Scene::len).sum::<usize>(), 29_997);
     std::fs::write(&path, "ply\nformat ascii 1.0\nelement vertex 0\nend_header\n").unwrap();
-    assert!(Parts::open(&path, &drop).unwrap().is_none());
+    assert!(Parts::open(&path, &DROP).unwrap().is_none());
+}
+
+/// An ASCII PLY of floats with these columns and rows.
+fn ply_of(columns: &str, rows: &[&[f32]]) -> Result<(Scene, Report)> {
+    ply::read_bytes(&ascii_ply(columns, rows))
+}
+
+#[test]
+fn discs_of_2d_gaussian_splatting_get_a_thickness() {
+    let columns = "x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 rot_0 rot_1 rot_2 rot_3";
+    let row = [1., 2., 3., 0.1, 0.2, 0.3, 0.5, -2.0, -3.0, 1.0, 0.0, 0.0, 0.0];
+    let (scene, report) = ply_of(columns, &[&row]).unwrap();
+    assert_eq!(scene.log_scales[0][..2], [-2.0, -3.0]);
+    assert!((scene.log_scales[0][2] + 3.0 + libm::logf(1000.0)).abs() < 1e-6);
+    assert!(report.notes[0].contains("2D Gaussian splatting"), "{:?}", report.notes);
+}
+
+#[test]
+fn colours_as_bytes_are_sh_coefficients() {
+    let columns = "x y z red green blue opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3";
+    let row = [1., 2., 3., 255.0, 0.0, 51.0, 0.5, -2.0, -3.0, -4.0, 1.0, 0.0, 0.0, 0.0];
+    let (scene, report) = ply_of(columns, &[&row]).unwrap();
+    let colour = scene.sh_of(0)[0].map(|v| 0.5 + gs_model::SH_C0 * v);
+    for (c, expected) in colour.into_iter().zip([1.0, 0.0, 0.2]) {
+        assert!((c - expected).abs() < 1e-6, "{colour:?}");
+    }
+    assert!(report.notes.len() == 1, "{:?}", report.notes);
+    // Points without scales are no model.
+    says(ply_of("x y z red green blue", &[&[0.0; 6]]), "a plain point cloud");
+}
+
+#[test]
+fn filter_3d_of_mip_splatting_is_added() {
+    let columns = "x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3 \
+                   filter_3D";
+    let row =
+        |f: f32, l: f32| [1., 2., 3., 0.1, 0.2, 0.3, l, -2.0, -3.0, -4.0, 1.0, 0.0, 0.0, 0.0, f];
+    let (scene, report) = ply_of(columns, &[&row(0.05, 1.0), &row(0.0, 1.0)]).unwrap();
+    // Mip-Splatting's own formulas, in floating point of twice the width.
+    let variances = [-2.0f64, -3.0, -4.0].map(|s| libm::exp(2.0 * s));
+    let smoothed = variances.map(|v| v + 0.0025);
+    let factor = (variances.iter().product::<f64>() / smoothed.iter().product::<f64>()).sqrt();
+    let opacity = factor / (1.0 + libm::exp(-1.0));
+    for (s, v) in scene.log_scales[0].into_iter().zip(smoothed) {
+        assert!((f64::from(s) - 0.5 * libm::log(v)).abs() < 1e-6);
+    }
+    let logit = libm::log(opacity / (1.0 - opacity));
+    assert!((f64::from(scene.opacity_logits[0]) - logit).abs() < 1e-5);
+    // Without smoothing, every bit stays.
+    assert_eq!((scene.log_scales[1], scene.opacity_logits[1]), ([-2.0, -3.0, -4.0], 1.0));
+    assert!(report.notes.len() == 1, "{:?}", report.notes);
 }

@@ -2,9 +2,9 @@
 
 mod common;
 
-use common::{ENCODINGS, File, bits, says, scene};
+use common::{DROP, ENCODINGS, File, KEEP, ascii_ply, bits, says, scene, written};
 use gs_model::scene::Field;
-use gs_model::{CLAMPED_OPACITY_LOGIT, Error, Invalid, ReadOptions, Scene, model, ply};
+use gs_model::{CLAMPED_OPACITY_LOGIT, Error, Scene, model, ply};
 use proptest::collection::vec;
 use proptest::prelude::*;
 
@@ -67,21 +67,13 @@ proptest! {
     #[test]
     fn writing_then_reading_is_the_identity(scene in any_scene()) {
         prop_assert!(scene.validate().is_ok());
-        let mut bytes = Vec::new();
-        ply::write_to(&mut bytes, &scene).unwrap();
-        let (back, report) = ply::read_bytes(&bytes).unwrap();
-        prop_assert_eq!(bits(&back), bits(&scene));
-        prop_assert_eq!(back.sh_degree, scene.sh_degree);
-        prop_assert_eq!(report.gaussians_in_file, scene.len());
-    }
-
-    #[test]
-    fn every_format_holds_the_same_bits(scene in any_scene()) {
         // Text of the shortest form that parses back; -0 and subnormals included.
-        for format in ENCODINGS {
-            let (bytes, _) = File::inria(format, scene.sh_degree).bytes(&scene);
-            let (back, _) = ply::read_bytes(&bytes).unwrap();
-            prop_assert_eq!(bits(&back), bits(&scene), "{}", format);
+        let all = ENCODINGS.map(|format| File::inria(format, scene.sh_degree).bytes(&scene).0);
+        for file in all.into_iter().chain([written("ply", &scene)]) {
+            let (back, report) = ply::read_bytes(&file).unwrap();
+            prop_assert_eq!(bits(&back), bits(&scene));
+            prop_assert_eq!(back.sh_degree, scene.sh_degree);
+            prop_assert_eq!(report.gaussians_in_file, scene.len());
         }
     }
 
@@ -131,8 +123,7 @@ fn every_bad_number_is_found_wherever_it_is() {
                 *all[number].1 = bad;
                 all[number].0
             };
-            let mut bytes = Vec::new();
-            ply::write_to(&mut bytes, &scene).unwrap();
+            let bytes = written("ply", &scene);
             match ply::read_bytes(&bytes) {
                 Err(Error::InvalidGaussian { index: 3, field: found, value, count: 1, .. }) => {
                     assert_eq!(found, field);
@@ -140,8 +131,7 @@ fn every_bad_number_is_found_wherever_it_is() {
                 }
                 other => panic!("{number}: {other:?}"),
             }
-            let drop = ReadOptions { invalid: Invalid::Drop, ..ReadOptions::default() };
-            let (kept, report) = model::read_named("a.ply", &bytes, &drop).unwrap();
+            let (kept, report) = model::read_named("a.ply", &bytes, &DROP).unwrap();
             assert_eq!(kept, good.select(&[0, 1, 2, 4]));
             assert_eq!((report.gaussians_in_file, report.dropped), (5, 1));
         }
@@ -192,7 +182,7 @@ fn infinite_opacities_are_read_as_the_largest_and_the_smallest() {
     scene.opacity_logits[1] = f32::INFINITY;
     scene.opacity_logits[2] = f32::NEG_INFINITY;
     scene.opacity_logits[3] = 1e38;
-    let (back, report) = ply::read_bytes(&file(&scene)).unwrap();
+    let (back, report) = ply::read_bytes(&written("ply", &scene)).unwrap();
     let clamped = [CLAMPED_OPACITY_LOGIT, -CLAMPED_OPACITY_LOGIT, 1e38];
     assert_eq!(back.opacity_logits[1..], clamped);
     assert_eq!(back.opacity_logits[0], scene.opacity_logits[0]);
@@ -202,12 +192,11 @@ fn infinite_opacities_are_read_as_the_largest_and_the_smallest() {
     ];
     assert_eq!(report.notes, said);
     // Whoever leaves out invalid Gaussians keeps these.
-    let drop = ReadOptions { invalid: Invalid::Drop, ..ReadOptions::default() };
-    let (kept, report) = model::read_named("a.ply", &file(&scene), &drop).unwrap();
+    let (kept, report) = model::read_named("a.ply", &written("ply", &scene), &DROP).unwrap();
     assert_eq!((kept, report.dropped), (back, 0));
     // No tool writes NaN for an opacity on purpose.
     scene.opacity_logits[1] = f32::NAN;
-    assert!(ply::read_bytes(&file(&scene)).is_err());
+    assert!(ply::read_bytes(&written("ply", &scene)).is_err());
 }
 
 #[test]
@@ -216,7 +205,7 @@ fn a_scale_of_0_is_read_as_a_thin_disc() {
     let zero = f32::NEG_INFINITY;
     scene.log_scales =
         vec![[-1.0, -2.0, zero], [zero, -3.0, -1e38], [zero; 3], [-1.0, -2.0, -90.0]];
-    let (back, report) = ply::read_bytes(&file(&scene)).unwrap();
+    let (back, report) = ply::read_bytes(&written("ply", &scene)).unwrap();
     let thin = |least: f32| least - libm::logf(1000.0);
     let expected = [[-1.0, -2.0, thin(-2.0)], [thin(-3.0), -3.0, thin(-3.0)]];
     assert_eq!(back.log_scales[..2], expected);
@@ -226,7 +215,7 @@ fn a_scale_of_0_is_read_as_a_thin_disc() {
     assert!(report.notes[1].starts_with("1 Gaussian has three scales of 0"), "{:?}", report.notes);
     // An infinite scale means nothing.
     scene.log_scales[3][0] = f32::INFINITY;
-    says(ply::read_bytes(&file(&scene)), "Gaussian 3: log-scale is inf (1 invalid");
+    says(ply::read_bytes(&written("ply", &scene)), "Gaussian 3: log-scale is inf (1 invalid");
 }
 
 #[test]
@@ -236,7 +225,7 @@ fn a_rotation_of_any_length_is_one_and_only_zeros_are_none() {
     scene.rotations[2] = [0.0, f32::MAX, f32::MAX, 0.0];
     scene.rotations[3] = [0.0, 0.0, 0.0, -1e-42];
     scene.rotations[4] = [3e15, 0.0, 4e15, 0.0];
-    let (back, report) = ply::read_bytes(&file(&scene)).unwrap();
+    let (back, report) = ply::read_bytes(&written("ply", &scene)).unwrap();
     assert_eq!(back.rotations[..1], scene.rotations[..1]);
     let half = std::f32::consts::FRAC_1_SQRT_2;
     let expected = [[0.0, 0.0, -1.0, 0.0], [0.0, half, half, 0.0], [0.0, 0.0, 0.0, -1.0]];
@@ -245,17 +234,16 @@ fn a_rotation_of_any_length_is_one_and_only_zeros_are_none() {
     assert_eq!(back.rotations[4], scene.rotations[4]);
     let said = "3 rotations are quaternions of extreme length; read as those of length 1";
     assert_eq!(report.notes, [said]);
-    let keep = ReadOptions { invalid: Invalid::Keep, ..ReadOptions::default() };
-    assert_eq!(model::read_named("a.ply", &file(&scene), &keep).unwrap().0, scene);
+    assert_eq!(model::read_named("a.ply", &written("ply", &scene), &KEEP).unwrap().0, scene);
     scene.rotations[2] = [0.0; 4];
-    says(ply::read_bytes(&file(&scene)), "Gaussian 2: rotation is of no length");
+    says(ply::read_bytes(&written("ply", &scene)), "Gaussian 2: rotation is of no length");
 }
 
 #[test]
 fn points_do_not_make_the_steps_of_positions_coarse() {
     let mut scene = scene(20, 0);
     scene.log_scales[..8].fill([f32::NEG_INFINITY; 3]);
-    let (_, report) = ply::read_bytes(&file(&scene)).unwrap();
+    let (_, report) = ply::read_bytes(&written("ply", &scene)).unwrap();
     assert_eq!(report.warnings, [""; 0]);
 }
 
@@ -265,9 +253,8 @@ fn values_that_no_model_has_are_left_out_with_the_invalid_ones() {
     scene.log_scales[1][2] = 1e38;
     scene.sh[3 * 4][0] = -1e6;
     // They are numbers, which lossless coding keeps.
-    assert_eq!(ply::read_bytes(&file(&scene)).unwrap().0, scene);
-    let drop = ReadOptions { invalid: Invalid::Drop, ..ReadOptions::default() };
-    let (kept, report) = model::read_named("a.ply", &file(&scene), &drop).unwrap();
+    assert_eq!(ply::read_bytes(&written("ply", &scene)).unwrap().0, scene);
+    let (kept, report) = model::read_named("a.ply", &written("ply", &scene), &DROP).unwrap();
     assert_eq!((kept, report.dropped), (scene.select(&[0, 2, 4]), 2));
 }
 
@@ -277,45 +264,29 @@ fn every_value_can_be_kept_as_it_is() {
     scene.opacity_logits[0] = f32::INFINITY;
     scene.log_scales[1] = [f32::NEG_INFINITY; 3];
     scene.rotations[2] = [0.0; 4];
-    let keep = ReadOptions { invalid: Invalid::Keep, ..ReadOptions::default() };
-    let (kept, report) = model::read_named("a.ply", &file(&scene), &keep).unwrap();
+    let (kept, report) = model::read_named("a.ply", &written("ply", &scene), &KEEP).unwrap();
     assert_eq!((kept, report.dropped), (scene, 0));
     assert!(report.notes[0].starts_with("3 Gaussians have values that are not finite"));
-}
-
-/// A scene as a PLY file.
-fn file(scene: &Scene) -> Vec<u8> {
-    let mut bytes = Vec::new();
-    ply::write_to(&mut bytes, scene).unwrap();
-    bytes
 }
 
 #[test]
 fn of_sh_degree_4_the_lower_degrees_are_read() {
     // f_rest is channel-major: 24 of red, then of green, then of blue.
-    let names = ["x", "y", "z", "opacity", "scale_0", "scale_1", "scale_2"];
-    let names = names.into_iter().map(String::from).chain((0..4).map(|k| format!("rot_{k}")));
-    let names: Vec<String> = names
-        .chain((0..3).map(|k| format!("f_dc_{k}")))
-        .chain((0..72).map(|k| format!("f_rest_{k}")))
-        .collect();
-    let text = |row: &dyn Fn(&str) -> f32| {
-        let mut text = "ply\nformat ascii 1.0\nelement vertex 1\n".to_owned();
-        names.iter().for_each(|name| text += &format!("property float {name}\n"));
-        text += "end_header\n";
-        names.iter().for_each(|name| text += &format!("{} ", row(name)));
-        text
+    let rest: String = (0..72).map(|k| format!(" f_rest_{k}")).collect();
+    let columns =
+        "x y z opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3 f_dc_0 f_dc_1 f_dc_2";
+    let file = |rest_of: &dyn Fn(usize) -> f32| {
+        let row: Vec<f32> = [0.5; 14].into_iter().chain((0..72).map(rest_of)).collect();
+        ascii_ply(&format!("{columns}{rest}"), &[&row])
     };
-    let number = |name: &str| name.strip_prefix("f_rest_").map_or(0.5, |k| k.parse().unwrap());
-    let (scene, report) = ply::read_bytes(text(&number).as_bytes()).unwrap();
+    let (scene, report) = ply::read_bytes(&file(&|k| k as f32)).unwrap();
     assert_eq!(scene.sh_degree, 3);
     for k in 1..16 {
         assert_eq!(scene.sh_of(0)[k], [0.0, 24.0, 48.0].map(|first| first + (k - 1) as f32));
     }
     assert_eq!(report.notes, ["SH coefficients of degree 4 are not kept; degrees 0 to 3 are read"]);
     // Coefficients that are all zero are no loss.
-    let zero = |name: &str| if name.starts_with("f_rest") { 0.0 } else { 0.5 };
-    assert!(ply::read_bytes(text(&zero).as_bytes()).unwrap().1.notes.is_empty());
+    assert!(ply::read_bytes(&file(&|_| 0.0)).unwrap().1.notes.is_empty());
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{says, share_in_view, shared};
+use common::{says, share_in_view, shared, written};
 use gs_model::dataset::Dataset;
 use gs_model::{ReadOptions, model, ply};
 
@@ -43,9 +43,7 @@ fn models_are_read() {
         let Some(path) = shared(&format!("models/{name}")) else { return };
         let (scene, _) = ply::read(&path).unwrap();
         assert_eq!((scene.len(), scene.sh_degree), (gaussians, 3), "{name}");
-        let mut bytes = Vec::new();
-        ply::write_to(&mut bytes, &scene).unwrap();
-        assert_eq!(ply::read_bytes(&bytes).unwrap().0, scene, "{name}");
+        assert_eq!(ply::read_bytes(&written("ply", &scene)).unwrap().0, scene, "{name}");
     }
 }
 

@@ -53,34 +53,3 @@ fn turned(c: [f32; 16]) -> [f32; 16] {
         R6 * c[14] - R10 * c[12],
     ]
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::math::{axes_product, rotation, sh_basis};
-
-    #[test]
-    fn a_turned_function_has_the_old_values_in_the_new_directions() {
-        let c: [f32; 16] = std::array::from_fn(|k| (k * k % 7) as f32 * 0.2 - 0.5);
-        let value = |c: [f32; 16], d: [f32; 3]| {
-            let basis = sh_basis::values(d.map(f64::from));
-            c.iter().zip(basis).map(|(&c, b)| f64::from(c) * b).sum::<f64>()
-        };
-        for d in [[0.6, 0.0, 0.8], [0.36, -0.48, 0.8], [-0.48, 0.8, -0.36], [0.0, -1.0, 0.0]] {
-            assert!((value(turned(c), axes(d)) - value(c, d)).abs() < 1e-6, "{d:?}");
-        }
-    }
-
-    #[test]
-    fn covariances_turn_with_points() {
-        let (q, scales) = ([0.8, 0.3, -0.4, 0.2], [1.0, 4.0, 9.0]);
-        let before = axes_product(&rotation(q), scales.map(f64::from));
-        let [w, v @ ..] = q;
-        let [x, y, z] = axes(v);
-        let after = axes_product(&rotation([w, x, y, z]), axes(scales).map(f64::from));
-        // xx, yy, zz, xy, xz, yz.
-        for (new, old) in [2, 0, 1, 4, 5, 3].into_iter().enumerate() {
-            assert!((after[new] - before[old]).abs() < 1e-12, "{new}");
-        }
-    }
-}

@@ -66,30 +66,3 @@ impl Signs {
         }
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::math::{axes_product, rotation, sh_basis};
-
-    #[test]
-    fn signs_are_those_of_the_basis_functions_and_covariances_turn_with_points() {
-        let all = [
-            ABOUT_X,
-            #[cfg(feature = "formats")]
-            ABOUT_Z,
-            MIRROR_Y,
-        ];
-        for signs in all {
-            let [x, y, z] = signs.axes.map(f64::from);
-            assert_eq!(sh_basis::signs_under([x, y, z]), signs.sh);
-            let (q, variances) = ([0.8, 0.3, -0.4, 0.2], [1.0, 4.0, 9.0]);
-            let before = axes_product(&rotation(q), variances);
-            let after = axes_product(&rotation(signs.rotation(q)), variances);
-            // xx, yy, zz, xy, xz, yz.
-            for (k, sign) in [1.0, 1.0, 1.0, x * y, x * z, y * z].into_iter().enumerate() {
-                assert!((after[k] - sign * before[k]).abs() < 1e-12, "{k}");
-            }
-        }
-    }
-}

@@ -240,7 +240,7 @@ const ROUNDED: f64 = 0.02;
 ///
 /// # Errors
 /// Why it is no pose.
-pub(crate) fn rotation_in(matrix: DMat3) -> Result<(DMat3, f64), String> {
+fn rotation_in(matrix: DMat3) -> Result<(DMat3, f64), String> {
     let lengths = [matrix.x_axis, matrix.y_axis, matrix.z_axis].map(DVec3::length);
     let [least, most] = [f64::min, f64::max].map(|of| lengths.into_iter().fold(lengths[0], of));
     if !(matrix.is_finite() && least > 0.0 && most <= (1.0 + ROUNDED) * least) {
@@ -272,14 +272,38 @@ pub(crate) fn rotation_in(matrix: DMat3) -> Result<(DMat3, f64), String> {
     Ok((rotation, scale))
 }
 
-/// Says once what scale poses had.
-pub(crate) fn note_scale(notes: &mut Vec<String>, file: &Path, scale: f64) {
+/// The width and height that `value` gives by their names, which may be floats.
+pub(crate) fn whole_size(
+    file: &Path,
+    view: &str,
+    names: [&str; 2],
+    value: impl Fn(&str) -> Result<f64>,
+) -> Result<(u32, u32)> {
+    let [w, h] = [value(names[0])?, value(names[1])?];
+    if [w, h].iter().any(|v| v.fract() != 0.0 || *v < 0.0) {
+        let [w, h] = names;
+        return Err(bad(file, view, format!("{w} or {h} is not a whole number of pixels")));
+    }
+    // The casts saturate.
+    checked_size(file, view, w as u64, h as u64)
+}
+
+/// The pose, world to camera, of a camera with its centre there and a matrix that may scale, which is said once.
+pub(crate) fn pose_of(
+    file: &Path,
+    view: &str,
+    matrix: DMat3,
+    centre: DVec3,
+    notes: &mut Vec<String>,
+) -> Result<(DMat3, DVec3)> {
+    let (rotation, scale) = rotation_in(matrix).map_err(|reason| bad(file, view, reason))?;
     if scale != 1.0 && notes.is_empty() {
         notes.push(format!(
             "{}: the poses have a scale of {scale:.4}, which is divided out",
             file.display()
         ));
     }
+    Ok((rotation, -(rotation * centre)))
 }
 
 /// The error about an impossible camera.

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use glam::{DMat3, DVec3};
 use serde_json::Value;
 
-use crate::cameras::camera::{self, Camera, NEAR, View, checked_size, note_scale};
+use crate::cameras::camera::{self, Camera, NEAR, View, pose_of, whole_size};
 use crate::cameras::json::{self, number, numbers, text};
 use crate::cameras::photos::Finder;
 use crate::error::{Error, Result};
@@ -49,12 +49,7 @@ fn camera(file: &Path, index: usize, entry: &Value, notes: &mut Vec<String>) -> 
         let found = entry.get(key).and_then(|value| numbers(value, n)).filter(|v| v.len() == n);
         found.ok_or_else(|| bad(format!("{key} is missing, or not {n} numbers")))
     };
-    let size = [needed("width")?, needed("height")?];
-    if size.iter().any(|v| v.fract() != 0.0 || *v < 0.0) {
-        return Err(bad("width or height is not a whole number of pixels".into()));
-    }
-    // The casts saturate.
-    let (width, height) = checked_size(file, &name, size[0] as u64, size[1] as u64)?;
+    let (width, height) = whole_size(file, &name, ["width", "height"], needed)?;
     let position = many("position", 3)?;
     let rows = many("rotation", 9)?;
     // Camera to world, row by row. The rows become columns: the transpose, which is world to camera.
@@ -63,8 +58,8 @@ fn camera(file: &Path, index: usize, entry: &Value, notes: &mut Vec<String>) -> 
         DVec3::from_slice(&rows[3..]),
         DVec3::from_slice(&rows[6..]),
     );
-    let (rotation, scale) = camera::rotation_in(matrix).map_err(bad)?;
-    note_scale(notes, file, scale);
+    let (rotation, translation) =
+        pose_of(file, &name, matrix, DVec3::from_slice(&position), notes)?;
     Camera {
         width,
         height,
@@ -73,7 +68,7 @@ fn camera(file: &Path, index: usize, entry: &Value, notes: &mut Vec<String>) -> 
         cx: f64::from(width) / 2.0,
         cy: f64::from(height) / 2.0,
         rotation,
-        translation: -(rotation * DVec3::from_slice(&position)),
+        translation,
         lens: None,
         near: NEAR,
         name,
@@ -93,16 +88,9 @@ pub(crate) fn views(file: &Path, entries: &[Value], notes: &mut Vec<String>) -> 
         source_images(dir).into_iter().chain([dir.join("images")]).collect();
     let mut finder = Finder::default();
     let with_photo = |camera: Camera| {
-        let mut image_path = dir.join("images").join(&camera.name);
-        for folder in &folders {
-            let (Some(parent), Some(name)) = (folder.parent(), folder.file_name()) else {
-                continue;
-            };
-            if let Some(found) = finder.find(parent, &Path::new(name).join(&camera.name))? {
-                image_path = found;
-                break;
-            }
-        }
+        let mut found = folders.iter().map(|folder| finder.find_in(folder, &camera.name));
+        let found = found.find_map(Result::transpose).transpose()?;
+        let image_path = found.unwrap_or_else(|| dir.join("images").join(&camera.name));
         Ok(View { camera, image_path })
     };
     cameras.into_iter().map(with_photo).collect()

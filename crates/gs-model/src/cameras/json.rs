@@ -5,45 +5,18 @@ use std::path::Path;
 use serde_json::Value;
 
 use crate::error::{Error, Result};
-use crate::fs;
+use crate::{fs, json};
 
 /// Parses a camera file. Numbers that JSON does not have (`NaN`, `Infinity`) are null.
 ///
 /// # Errors
 /// [`Error::Malformed`] with line and column.
 pub(crate) fn parse(file: &Path, bytes: &[u8]) -> Result<Value> {
-    let text = without_nan(&fs::text(bytes));
+    let text = json::without_nan(&fs::text(bytes));
     if text.trim_ascii().is_empty() {
         return Err(Error::malformed(file, "line 1", "it is empty; export the cameras again"));
     }
     serde_json::from_slice(&text).map_err(|e| Error::json(file, "a camera file", &e))
-}
-
-/// The text with null for the numbers that Python writes and JSON does not have.
-fn without_nan(text: &[u8]) -> Vec<u8> {
-    const WORDS: [&[u8]; 3] = [b"NaN", b"-Infinity", b"Infinity"];
-    let mut out = Vec::with_capacity(text.len());
-    let (mut at, mut quoted) = (0, false);
-    while let Some(&byte) = text.get(at) {
-        let rest = &text[at..];
-        let word = WORDS.into_iter().find(|word| !quoted && rest.starts_with(word));
-        let taken = match (word, byte) {
-            (Some(word), _) => {
-                out.extend_from_slice(b"null");
-                at += word.len();
-                continue;
-            }
-            (_, b'\\') if quoted => 2.min(rest.len()),
-            (_, b'"') => {
-                quoted = !quoted;
-                1
-            }
-            _ => 1,
-        };
-        out.extend_from_slice(&rest[..taken]);
-        at += taken;
-    }
-    out
 }
 
 /// A number, also one that is written as text.

@@ -11,7 +11,7 @@ use glam::{DMat3, DVec3};
 use imagesize::ImageError;
 use serde_json::{Map, Value};
 
-use crate::cameras::camera::{self, Camera, NEAR, View, checked_size, note_scale};
+use crate::cameras::camera::{self, Camera, NEAR, View, checked_size, pose_of, whole_size};
 use crate::cameras::json::{self, number, numbers, text};
 use crate::cameras::lens::{Lens, PANORAMA};
 use crate::cameras::nerfstudio::Placed;
@@ -171,9 +171,7 @@ fn view(
         return Err(bad("no focal length: neither fl_x nor camera_angle_x is a number".into()));
     };
     let (matrix, centre) = pose(values.own.get("transform_matrix")).map_err(bad)?;
-    let (rotation, scale) = camera::rotation_in(matrix).map_err(bad)?;
-    note_scale(notes, file, scale);
-    let translation = -(rotation * centre);
+    let (rotation, translation) = pose_of(file, name, matrix, centre, notes)?;
     let (cx, cy) = (of("cx").unwrap_or(w / 2.0), of("cy").unwrap_or(h / 2.0));
     let name = name.to_owned();
     let camera =
@@ -215,7 +213,7 @@ fn pose(matrix: Option<&Value>) -> Result<(DMat3, DVec3), String> {
 
 /// The size that the file states, else that of the photo.
 fn size_of(file: &Path, name: &str, values: &Values<'_>, image_path: &Path) -> Result<(u32, u32)> {
-    let (Some(w), Some(h)) = (values.get("w"), values.get("h")) else {
+    if ["w", "h"].iter().any(|n| values.get(n).is_none()) {
         let size = imagesize::size(image_path).map_err(|e| match e {
             ImageError::IoError(e) if e.kind() == ErrorKind::NotFound => camera::bad(
                 file,
@@ -234,10 +232,6 @@ fn size_of(file: &Path, name: &str, values: &Values<'_>, image_path: &Path) -> R
             }
         })?;
         return checked_size(image_path, name, size.width as u64, size.height as u64);
-    };
-    if [w, h].iter().any(|v| v.fract() != 0.0 || *v < 0.0) {
-        return Err(camera::bad(file, name, "w or h is not a whole number of pixels"));
     }
-    // The cast saturates.
-    checked_size(file, name, w as u64, h as u64)
+    whole_size(file, name, ["w", "h"], |n| Ok(values.get(n).unwrap_or_default()))
 }

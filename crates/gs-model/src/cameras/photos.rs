@@ -48,6 +48,12 @@ impl Finder {
         Ok(None)
     }
 
+    /// The same for the photo of a name in a folder, which may have another size.
+    pub(crate) fn find_in(&mut self, folder: &Path, name: &str) -> Result<Option<PathBuf>> {
+        let above = folder.parent().unwrap_or(Path::new(""));
+        self.find(above, &Path::new(folder.file_name().unwrap_or_default()).join(name))
+    }
+
     /// The same for a name that may be a path on the machine where the cameras were made: then its end is looked for.
     pub(crate) fn find_named(&mut self, dir: &Path, name: &str) -> Result<Option<PathBuf>> {
         let found = self.find(dir, Path::new(name))?;

@@ -8,7 +8,7 @@ use serde_json::Value;
 use super::{colmap, inria, json, nerf};
 use crate::cameras::camera::{Camera, View};
 use crate::cameras::photos::Finder;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, list_of};
 use crate::fs;
 
 /// Posed views, and where they are from.
@@ -316,18 +316,12 @@ fn of_sparse(dir: &Path, models: &[PathBuf]) -> Result<CameraSet> {
     let root = photo_root(dir, model);
     let mut finder = Finder::default();
     let view = |camera: Camera| {
-        let expected = root.join(&camera.name);
-        let (above, folder) = (
-            root.parent().unwrap_or(Path::new("")),
-            Path::new(root.file_name().unwrap_or_default()),
-        );
-        let found = finder.find(above, &folder.join(&camera.name))?;
-        // Some projects name photos from the scene's folder on.
-        let found = match found {
-            None => finder.find(above, Path::new(&camera.name))?,
+        let found = match finder.find_in(&root, &camera.name)? {
+            // Some projects name photos from the scene's folder on.
+            None => finder.find(root.parent().unwrap_or(Path::new("")), Path::new(&camera.name))?,
             found => found,
         };
-        Ok(View { image_path: found.unwrap_or(expected), camera })
+        Ok(View { image_path: found.unwrap_or_else(|| root.join(&camera.name)), camera })
     };
     let views = cameras.into_iter().map(view).collect::<Result<_>>()?;
     Ok(CameraSet { views, source: model.clone(), form: "COLMAP", notes })
@@ -407,7 +401,5 @@ fn name(path: &Path) -> String {
 
 /// The first names, and how many more there are.
 fn listed(names: Vec<String>) -> String {
-    let more = names.len().saturating_sub(LISTED);
-    let first = names.into_iter().take(LISTED).collect::<Vec<_>>().join(", ");
-    if more == 0 { first } else { format!("{first} and {more} more") }
+    list_of(LISTED, names).unwrap_or_default()
 }

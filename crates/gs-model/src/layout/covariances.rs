@@ -1,6 +1,7 @@
 //! Covariances as floats, colours and SH coefficients as bytes: what the GaussianSplat addon of three.js takes.
 
-use super::colour;
+use super::{colour, unit};
+use crate::math::scaled_rotation;
 use crate::scene::Scene;
 
 /// Words of four bytes for the coefficients of degree 1, 2, 3.
@@ -40,13 +41,7 @@ fn unit_byte(v: f32) -> u8 {
 
 /// `R S S R^T`, its upper triangle by rows.
 fn of_shape(rotation: [f32; 4], log_scale: [f32; 3]) -> [f32; 6] {
-    let length = rotation.iter().map(|v| v * v).sum::<f32>().sqrt().max(f32::MIN_POSITIVE);
-    let [w, x, y, z] = rotation.map(|v| v / length);
-    let r = [
-        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
-        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
-        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
-    ];
+    let r = scaled_rotation(unit(rotation), 2.0);
     let variance = log_scale.map(|s| libm::expf(2.0 * s));
     let entry = |i: usize, j: usize| (0..3).map(|k| r[i][k] * variance[k] * r[j][k]).sum();
     [entry(0, 0), entry(0, 1), entry(0, 2), entry(1, 1), entry(1, 2), entry(2, 2)]

@@ -11,7 +11,7 @@
 //! A rotation is its axis on an octahedron, two numbers of 10 bits, and its angle in 12 bits. A coefficient
 //! is three magnitudes of 8 bits, their signs, and a common exponent of 5 bits.
 
-use super::colour;
+use super::{colour, unit};
 use crate::scene::Scene;
 use half::f16;
 
@@ -51,9 +51,8 @@ fn half_bits(v: f32) -> u32 {
 
 /// A rotation as axis and angle in 32 bits.
 fn rotation(rotation: [f32; 4]) -> u32 {
-    let length = rotation.iter().map(|v| v * v).sum::<f32>().sqrt().max(f32::MIN_POSITIVE);
     let sign = if rotation[0] < 0.0 { -1.0 } else { 1.0 };
-    let [w, axis @ ..] = rotation.map(|v| sign * v / length);
+    let [w, axis @ ..] = unit(rotation).map(|v| sign * v);
     let angle = 2.0 * libm::acosf(w.min(1.0));
     let sum: f32 = axis.iter().map(|v| v.abs()).sum();
     // The axis of no rotation does not matter.

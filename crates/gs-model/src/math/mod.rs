@@ -21,7 +21,7 @@
 
 mod eigen;
 mod rotation;
-#[cfg(any(test, feature = "formats"))]
+#[cfg(feature = "formats")]
 pub(crate) mod sh_basis;
 #[cfg(feature = "formats")]
 mod smallest;

@@ -45,9 +45,3 @@ const FACTORS: [f64; 16] = [
 pub(crate) fn values([x, y, z]: [f64; 3]) -> [f64; 16] {
     std::array::from_fn(|k| FACTORS[k] * BASIS[k](x, y, z))
 }
-
-/// The sign that each basis function gets where the axes get these signs.
-#[cfg(test)]
-pub(crate) fn signs_under([x, y, z]: [f64; 3]) -> [f32; 16] {
-    BASIS.map(|f| (f(0.3 * x, 0.6 * y, 0.5 * z) / f(0.3, 0.6, 0.5)) as f32)
-}

@@ -1,9 +1,28 @@
 //! Helpers shared by the integration tests.
-#![allow(dead_code, reason = "each test binary uses some of them")]
+#![allow(dead_code, unused_imports, reason = "each test binary uses some of them")]
 
+mod ply;
+
+use std::fs;
+use std::io::{Cursor, Write};
 use std::path::PathBuf;
 
-use gs_model::{Error, ReadOptions, Report, Result, SH_C0, Scene, model};
+use base64::Engine;
+use base64::prelude::BASE64_STANDARD;
+use gs_model::{
+    Error, FileAxes, Format, Invalid, ReadOptions, Report, Result, SH_C0, Scene, model,
+};
+use serde_json::Value;
+use tempfile::TempDir;
+
+pub(crate) use ply::{ASCII, ENCODINGS, File, LITTLE, Property, ascii_ply};
+
+const STRICT: ReadOptions =
+    ReadOptions { invalid: Invalid::Error, axes: FileAxes::Turn, codec: None, max_gaussians: None };
+/// Invalid Gaussians are left out.
+pub(crate) const DROP: ReadOptions = ReadOptions { invalid: Invalid::Drop, ..STRICT };
+/// Every value stays as it is.
+pub(crate) const KEEP: ReadOptions = ReadOptions { invalid: Invalid::Keep, ..STRICT };
 
 /// A path in the shared test data beside the workspace, or `None` with a message if it is absent.
 pub(crate) fn shared(path: &str) -> Option<PathBuf> {
@@ -23,7 +42,79 @@ pub(crate) fn fixture(name: &str) -> PathBuf {
 
 /// Reads a model of that name from bytes.
 pub(crate) fn read(name: &str, bytes: &[u8]) -> Result<(Scene, Report)> {
-    model::read_named(name, bytes, &ReadOptions::default())
+    model::read_named(name, bytes, &STRICT)
+}
+
+/// A scene as a file of the format of that name.
+pub(crate) fn written(format: &str, scene: &Scene) -> Vec<u8> {
+    let mut file = Vec::new();
+    Format::named(format).unwrap().write_to("<file>", &mut file, scene).unwrap();
+    file
+}
+
+/// An archive with these members.
+pub(crate) fn zipped(members: &[(&str, Vec<u8>)]) -> Vec<u8> {
+    let mut zip = zip::ZipWriter::new(Cursor::new(Vec::new()));
+    let stored =
+        zip::write::SimpleFileOptions::default().compression_method(zip::CompressionMethod::Stored);
+    for (name, bytes) in members {
+        zip.start_file(*name, stored).unwrap();
+        zip.write_all(bytes).unwrap();
+    }
+    zip.finish().unwrap().into_inner()
+}
+
+pub(crate) fn gzip(data: &[u8]) -> Vec<u8> {
+    let mut gz = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+    gz.write_all(data).unwrap();
+    gz.finish().unwrap()
+}
+
+/// The JSON and the data of a `.glb`.
+pub(crate) fn glb_parts(glb: &[u8]) -> (Value, Vec<u8>) {
+    let len = u32::from_le_bytes(glb[12..16].try_into().unwrap()) as usize;
+    (serde_json::from_slice(&glb[20..20 + len]).unwrap(), glb[28 + len..].to_vec())
+}
+
+/// Data in a URI.
+pub(crate) fn data_uri(data: &[u8]) -> String {
+    format!("data:application/octet-stream;base64,{}", BASE64_STANDARD.encode(data))
+}
+
+/// A `.glb` as a `.gltf` whose data are in a URI.
+pub(crate) fn gltf_of(glb: &[u8]) -> Value {
+    let (mut json, data) = glb_parts(glb);
+    json["buffers"][0]["uri"] = data_uri(&data).into();
+    json
+}
+
+/// Writes a file in a folder.
+pub(crate) fn put(dir: &TempDir, name: &str, contents: impl AsRef<[u8]>) {
+    let path = dir.path().join(name);
+    fs::create_dir_all(path.parent().unwrap()).unwrap();
+    fs::write(path, contents).unwrap();
+}
+
+/// Rows of an images.txt; `between` follows each.
+pub(crate) fn image_rows(images: &[&str], between: &str) -> String {
+    let pose = "0.9 0.1 -0.3 0.2 1.5 -2 0.5 1";
+    let row = |(i, name): (usize, &&str)| format!("{} {pose} {name}\n{between}", i + 1);
+    images.iter().enumerate().map(row).collect()
+}
+
+/// Writes a COLMAP text model with these images, all from one camera.
+pub(crate) fn put_colmap(dir: &TempDir, under: &str, images: &[&str]) {
+    let file = |name: &str| PathBuf::from(under).join(name).display().to_string();
+    put(dir, &file("cameras.txt"), "1 PINHOLE 8 6 10 10 4 3\n");
+    put(dir, &file("images.txt"), image_rows(images, "\n"));
+}
+
+/// Every so many Gaussians of the room, at that SH degree.
+pub(crate) fn room(step: usize, sh_degree: u8) -> Scene {
+    let (room, _) = gs_model::ply::read(fixture("room/point_cloud.ply")).unwrap();
+    let mut scene = room.select(&(0..room.len()).step_by(step).collect::<Vec<_>>());
+    scene.cut_sh(sh_degree);
+    scene
 }
 
 /// The message of an error that is one line of plain words, begins with the file's name and says `needle`.
@@ -69,6 +160,17 @@ pub(crate) fn scene(n: usize, sh_degree: u8) -> Scene {
     }
 }
 
+/// As [`scene`], of numbers that all formats hold well.
+pub(crate) fn mild(n: usize, sh_degree: u8) -> Scene {
+    let mut scene = scene(n, sh_degree);
+    scene.means.iter_mut().flatten().for_each(|v| *v = v.clamp(-9.0, 9.0));
+    scene.rotations.iter_mut().flatten().for_each(|v| *v = v.clamp(-2.0, 2.0));
+    scene.log_scales.iter_mut().flatten().for_each(|v| *v = v.clamp(-6.0, 2.0));
+    scene.opacity_logits.iter_mut().for_each(|v| *v = v.clamp(-4.0, 4.0));
+    scene.sh.iter_mut().flatten().for_each(|v| *v = v.clamp(-0.9, 0.9));
+    scene
+}
+
 /// All numbers of a scene as bits, so that -0 and 0 differ.
 pub(crate) fn bits(scene: &Scene) -> Vec<u32> {
     let arrays: [&[f32]; 5] = [
@@ -80,151 +182,6 @@ pub(crate) fn bits(scene: &Scene) -> Vec<u32> {
     ];
     arrays.into_iter().flatten().map(|v| v.to_bits()).collect()
 }
-
-/// The value of an Inria property of Gaussian `i`, straight from the layout's definition; none
-/// for a name that is not in the layout.
-pub(crate) fn property(scene: &Scene, i: usize, name: &str) -> Option<f32> {
-    let (stem, index) = match name.rsplit_once('_') {
-        Some((stem, index)) => (stem, index.parse::<usize>().ok()?),
-        None => (name, 0),
-    };
-    let rest = scene.sh_len() - 1;
-    match stem {
-        "x" => Some(scene.means[i][0]),
-        "y" => Some(scene.means[i][1]),
-        "z" => Some(scene.means[i][2]),
-        "nx" | "ny" | "nz" => Some(0.0),
-        "f_dc" => Some(scene.sh_of(i)[0][index]),
-        "f_rest" => Some(scene.sh_of(i)[1 + index % rest][index / rest]),
-        "opacity" => Some(scene.opacity_logits[i]),
-        "scale" => Some(scene.log_scales[i][index]),
-        "rot" => Some(scene.rotations[i][index]),
-        _ => None,
-    }
-}
-
-/// A property of a generated file.
-#[derive(Clone)]
-pub(crate) struct Property {
-    pub(crate) name: String,
-    /// PLY type; a list of it if `list`.
-    pub(crate) kind: &'static str,
-    pub(crate) list: bool,
-}
-
-/// A description of a PLY file, written one number at a time.
-#[derive(Clone)]
-pub(crate) struct File {
-    /// As the header names it.
-    pub(crate) encoding: &'static str,
-    pub(crate) line_end: &'static str,
-    pub(crate) properties: Vec<Property>,
-    /// Rows with lists, in elements before and after `vertex`.
-    pub(crate) faces_before: usize,
-    pub(crate) faces_after: usize,
-    /// The normals' components of every second Gaussian.
-    pub(crate) normal: f32,
-}
-
-impl File {
-    /// The Inria layout.
-    pub(crate) fn inria(encoding: &'static str, sh_degree: u8) -> Self {
-        let rest = [0, 9, 24, 45][usize::from(sh_degree)];
-        let mut names: Vec<String> = ["x", "y", "z", "nx", "ny", "nz"].map(String::from).into();
-        names.extend((0..3).map(|i| format!("f_dc_{i}")));
-        names.extend((0..rest).map(|i| format!("f_rest_{i}")));
-        names.push("opacity".into());
-        names.extend((0..3).map(|i| format!("scale_{i}")));
-        names.extend((0..4).map(|i| format!("rot_{i}")));
-        let float = |name| Property { name, kind: "float", list: false };
-        let properties = names.into_iter().map(float).collect();
-        let (faces_before, faces_after) = (0, 0);
-        Self { encoding, line_end: "\n", properties, faces_before, faces_after, normal: 0.0 }
-    }
-
-    /// The bytes of the file; the second value is the length of the header.
-    pub(crate) fn bytes(&self, scene: &Scene) -> (Vec<u8>, usize) {
-        let mut header = vec!["ply".to_owned(), format!("format {} 1.0", self.encoding)];
-        header.push("comment made by a test".into());
-        let faces = |name: &str, n: usize| {
-            let list = "property list uchar int vertex_indices".to_owned();
-            [format!("element {name} {n}"), list, "property short flags".to_owned()]
-        };
-        if self.faces_before > 0 {
-            header.extend(faces("before", self.faces_before));
-        }
-        header.push(format!("element vertex {}", scene.len()));
-        for p in &self.properties {
-            let list = if p.list { "list uchar " } else { "" };
-            header.push(format!("property {list}{} {}", p.kind, p.name));
-        }
-        if self.faces_after > 0 {
-            header.extend(faces("after", self.faces_after));
-        }
-        header.push("end_header".into());
-        let mut out =
-            header.iter().flat_map(|l| [l, self.line_end]).collect::<String>().into_bytes();
-        let header_len = out.len();
-
-        self.faces(&mut out, self.faces_before);
-        for i in 0..scene.len() {
-            let mut row = Vec::new();
-            for p in &self.properties {
-                let value = match p.name.as_str() {
-                    "nx" | "ny" | "nz" if i % 2 == 1 => Some(self.normal),
-                    name => property(scene, i, name),
-                };
-                if p.list {
-                    // Lengths 0, 1, 2, 0, ...
-                    row.push((i as f64 % 3.0, "uchar"));
-                    row.extend((0..i % 3).map(|j| (j as f64, p.kind)));
-                } else {
-                    row.push((f64::from(value.unwrap_or(7.0)), p.kind));
-                }
-            }
-            self.row(&mut out, &row);
-        }
-        self.faces(&mut out, self.faces_after);
-        (out, header_len)
-    }
-
-    fn faces(&self, out: &mut Vec<u8>, n: usize) {
-        for i in 0..n {
-            let mut row = vec![((i % 4) as f64, "uchar")];
-            row.extend((0..i % 4).map(|v| (v as f64, "int")));
-            row.push((-1.0, "short"));
-            self.row(out, &row);
-        }
-    }
-
-    fn row(&self, out: &mut Vec<u8>, row: &[(f64, &str)]) {
-        for &(value, kind) in row {
-            let little: Vec<u8> = match kind {
-                "char" | "int8" => (value as i8).to_le_bytes().into(),
-                "uchar" | "uint8" => (value as u8).to_le_bytes().into(),
-                "short" | "int16" => (value as i16).to_le_bytes().into(),
-                "ushort" | "uint16" => (value as u16).to_le_bytes().into(),
-                "int" | "int32" => (value as i32).to_le_bytes().into(),
-                "uint" | "uint32" => (value as u32).to_le_bytes().into(),
-                "float" | "float32" => (value as f32).to_le_bytes().into(),
-                "double" | "float64" => value.to_le_bytes().into(),
-                other => panic!("{other}"),
-            };
-            match self.encoding {
-                ASCII => out.extend(format!("{value} ").bytes()),
-                LITTLE => out.extend(little),
-                _ => out.extend(little.iter().rev()),
-            }
-        }
-        if self.encoding == ASCII {
-            out.extend(self.line_end.bytes());
-        }
-    }
-}
-
-pub(crate) const ASCII: &str = "ascii";
-pub(crate) const LITTLE: &str = "binary_little_endian";
-pub(crate) const ENCODINGS: [&str; 3] = [ASCII, LITTLE, "binary_big_endian"];
 
 /// Share of points that a camera sees in front of it and inside its image.
 pub(crate) fn share_in_view(camera: &gs_model::Camera, points: &[[f64; 3]]) -> f64 {

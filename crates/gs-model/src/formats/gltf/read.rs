@@ -52,8 +52,7 @@ pub(super) fn read(file: &Path, bytes: &[u8], options: &ReadOptions) -> Result<(
     let mut placed = 0u64;
     for Instance { mesh, node, placement } in &instances {
         for part in meshes[*mesh].iter().flatten() {
-            let bad = |why: String| malformed(file, &part.place, why);
-            let (mut scene, notes) = part.scene(options).map_err(bad)?;
+            let (mut scene, notes) = part.scene(file, options)?;
             placed += scene.len() as u64;
             if placed > MOST_SHARING.saturating_mul(once.max(scene.len() as u64)) {
                 let why = "its nodes show the same meshes too often";
@@ -211,10 +210,12 @@ impl Part<'_> {
         }
     }
 
-    fn scene(&self, options: &ReadOptions) -> Result<(Scene, Vec<String>), String> {
+    fn scene(&self, file: &Path, options: &ReadOptions) -> Result<(Scene, Vec<String>)> {
         match &self.data {
-            Data::Coded(coded) => coded.scene(options),
-            Data::Plain(attributes) => Ok((attributes.scene()?, Vec::new())),
+            Data::Coded(coded) => {
+                coded.scene(options).map_err(|why| malformed(file, &self.place, why))
+            }
+            Data::Plain(attributes) => Ok((attributes.scene(file)?, Vec::new())),
         }
     }
 }
@@ -283,24 +284,22 @@ impl<'a> Attributes<'a> {
         (self.sh.len().isqrt() - 1) as u8
     }
 
-    fn scene(&self) -> Result<Scene, String> {
-        let scene =
-            rows::scene_of(Path::new("its accessors"), self.means.count, self.sh_degree(), |i| {
-                let mean = ABOUT_Z.mean([0, 1, 2].map(|k| self.means.number(i, k)));
-                // w is last in the file, first in a scene.
-                let rotation = ABOUT_Z.rotation([3, 0, 1, 2].map(|k| self.rotations.number(i, k)));
-                move |c| match c {
-                    0..3 => mean[c],
-                    3..7 => rotation[c - 3],
-                    7..10 => libm::log(f64::from(self.scales.number(i, c - 7))) as f32,
-                    10 => logit(self.opacities.number(i, 0), self.opacities.half_step()),
-                    _ => {
-                        let (k, channel) = ((c - SH) / 3, (c - SH) % 3);
-                        ABOUT_Z.sh(k, self.sh[k].number(i, channel))
-                    }
+    fn scene(&self, file: &Path) -> Result<Scene> {
+        rows::scene_of(file, self.means.count, self.sh_degree(), |i| {
+            let mean = ABOUT_Z.mean([0, 1, 2].map(|k| self.means.number(i, k)));
+            // w is last in the file, first in a scene.
+            let rotation = ABOUT_Z.rotation([3, 0, 1, 2].map(|k| self.rotations.number(i, k)));
+            move |c| match c {
+                0..3 => mean[c],
+                3..7 => rotation[c - 3],
+                7..10 => libm::log(f64::from(self.scales.number(i, c - 7))) as f32,
+                10 => logit(self.opacities.number(i, 0), self.opacities.half_step()),
+                _ => {
+                    let (k, channel) = ((c - SH) / 3, (c - SH) % 3);
+                    ABOUT_Z.sh(k, self.sh[k].number(i, channel))
                 }
-            });
-        scene.map_err(|e| crate::chain(&e))
+            }
+        })
     }
 }
 

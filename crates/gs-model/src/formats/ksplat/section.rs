@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::KsplatHeader;
-use crate::bytes::{float, half_word, word};
+use crate::bytes::{float, half, half_word, word};
 use crate::error::Result;
 use crate::formats::splat::opacity_logit;
 use crate::rows::{self, SH};
@@ -128,7 +128,7 @@ impl<'a> KsplatSection<'a> {
     fn float(&self, row: &[u8], i: usize) -> f32 {
         match self.level {
             0 => float(row, 4 * i),
-            _ => from_half(half_word(row, 2 * i)),
+            _ => half(row, 2 * i),
         }
     }
 
@@ -139,7 +139,7 @@ impl<'a> KsplatSection<'a> {
         let i = 3 * (first - 1) + channel * width + k - first;
         match self.level {
             0 => float(higher, 4 * i),
-            1 => from_half(half_word(higher, 2 * i)),
+            1 => half(higher, 2 * i),
             _ => {
                 let [low, high] = self.sh_bounds;
                 low + f32::from(higher[i]) / 255.0 * (high - low)
@@ -169,40 +169,4 @@ fn number_bytes(level: u16) -> usize {
 fn row_bytes(level: u16, sh_degree: u8) -> usize {
     let sh_bytes = [4, 2, 1][usize::from(level)];
     10 * number_bytes(level) + 4 + 3 * (sh_len(sh_degree) - 1) * sh_bytes
-}
-
-/// The number of an IEEE 754 half float.
-fn from_half(bits: u16) -> f32 {
-    let [sign, magnitude] = [bits & 0x8000, bits & 0x7fff].map(u32::from);
-    // As the bits of a float, a finite magnitude is 2^112 times too small.
-    let number = match magnitude {
-        0..0x7c00 => f32::from_bits(magnitude << 13) * f32::from_bits((127 + 112) << 23),
-        _ => f32::from_bits(0x7f80_0000 | magnitude << 13),
-    };
-    f32::from_bits(number.to_bits() | sign << 16)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::from_half;
-
-    #[test]
-    fn half_floats() {
-        let cases = [
-            (0x0000, 0.0),
-            (0x0001, 5.960_464_5e-8),
-            (0x03ff, 6.097_555e-5),
-            (0x0400, 6.103_515_6e-5),
-            (0x3c00, 1.0),
-            (0xc000, -2.0),
-            (0x3555, 0.333_251_95),
-            (0x7bff, 65504.0),
-            (0xfc00, f32::NEG_INFINITY),
-        ];
-        for (bits, value) in cases {
-            assert_eq!(from_half(bits), value, "{bits:#x}");
-        }
-        assert!(from_half(0x7e00).is_nan());
-        assert!(from_half(0x8000).is_sign_negative());
-    }
 }

@@ -8,6 +8,7 @@ use serde::de::IgnoredAny;
 
 use crate::error::{Error, Result, excerpt};
 use crate::formats::splat::opacity_logit;
+use crate::json::without_nan;
 use crate::scene::sh_len;
 
 /// What the bytes of the images stand for, whatever the version.
@@ -148,32 +149,6 @@ fn unread(others: BTreeMap<String, IgnoredAny>) -> Vec<String> {
     const SAY_NOTHING: [&str; 2] = ["asset", "version"];
     let names = others.into_keys().filter(|name| !SAY_NOTHING.contains(&name.as_str()));
     names.map(|name| format!("{:?} of meta.json is not used", excerpt(name.as_bytes()))).collect()
-}
-
-/// JSON in which the numbers that it does not have, as Python writes them, are null.
-fn without_nan(json: &[u8]) -> Vec<u8> {
-    let mut out = Vec::with_capacity(json.len());
-    let (mut rest, mut quoted) = (json, false);
-    while let Some((&byte, after)) = rest.split_first() {
-        let word = ["-Infinity", "Infinity", "NaN"].iter().find(|w| rest.starts_with(w.as_bytes()));
-        match word {
-            Some(word) if !quoted => {
-                out.extend(b"null");
-                rest = &rest[word.len()..];
-            }
-            _ if quoted && byte == b'\\' => {
-                let pair = rest.len().min(2);
-                out.extend(&rest[..pair]);
-                rest = &rest[pair..];
-            }
-            _ => {
-                quoted ^= byte == b'"';
-                out.push(byte);
-                rest = after;
-            }
-        }
-    }
-    out
 }
 
 /// What each byte stands for between two bounds.

@@ -260,20 +260,4 @@ mod tests {
         // 0.1 * 128 = 12.8: nearest multiple of 8 is 16.
         assert_eq!((sh_byte(0.1, 8), sh_byte(-0.1, 8), sh_byte(0.03, 8)), (144, 112, 128));
     }
-
-    #[test]
-    fn rotations_come_back() {
-        for q in [[1.0f32, 0.0, 0.0, 0.0], [-0.1, 0.9, -0.3, 0.2], [0.5, -0.5, 0.5, -0.5], [0.0; 4]]
-        {
-            let [w, x, y, z] = crate::formats::spz::layout::smallest_three(packed_rotation(q));
-            let back = [w, x, -y, -z];
-            let norm = q.iter().map(|v| v * v).sum::<f32>().sqrt();
-            let dot: f32 = if norm > 0.0 {
-                q.iter().zip(back).map(|(a, b)| a * b / norm).sum()
-            } else {
-                back[0]
-            };
-            assert!(dot.abs() > 0.999_99, "{q:?} -> {back:?}");
-        }
-    }
 }

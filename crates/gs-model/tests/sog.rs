@@ -1,0 +1,158 @@
+//! SOG: archives of both versions, made by hand and by other tools.
+
+mod common;
+
+use common::{fixture, read, says, zipped};
+use gs_model::{ReadOptions, model};
+
+/// A lossless WebP image of one row.
+fn webp(width: u32, rgba: &[u8]) -> Vec<u8> {
+    let mut file = Vec::new();
+    let encoder = image_webp::WebPEncoder::new(&mut file);
+    encoder.encode(rgba, width, 1, image_webp::ColorType::Rgba8).unwrap();
+    file
+}
+
+/// A SOG of version 1 with two Gaussians of degree 1; in its `meta.json`, `to` replaces `from`.
+fn sog_1(from: &str, to: &str) -> Vec<u8> {
+    let meta = r#"{
+        "means": {"shape": [2, 3], "dtype": "float32", "mins": [-1, 0, 0], "maxs": [1, 2, 4], "files": ["l", "u"]},
+        "scales": {"shape": [2, 3], "mins": [-10, -9, -8], "maxs": [-5, -4, -3], "files": ["s"]},
+        "quats": {"shape": [2, 4], "encoding": "quaternion_packed", "files": ["q"]},
+        "sh0": {"shape": [2, 1, 4], "mins": [-2, -1, 0, -5], "maxs": [3, 4, 5, 10], "files": ["c"]},
+        "shN": {"shape": [2, 9], "mins": -0.5, "maxs": 0.52, "quantization": 8, "files": ["p", "i"]}}"#;
+    assert!(meta.contains(from));
+    // The second entry of the palette: coefficients 0, 51 and 255 of 255 in red.
+    let mut palette = vec![255; 4 * 64 * 3];
+    palette[12..24].copy_from_slice(&[0, 0, 0, 255, 51, 0, 0, 255, 255, 0, 0, 255]);
+    zipped(&[
+        ("meta.json", meta.replace(from, to).into_bytes()),
+        ("l", webp(2, &[255, 0, 0, 255, 255, 255, 255, 255])),
+        ("u", webp(2, &[127, 0, 0, 255, 255, 255, 255, 255])),
+        ("s", webp(2, &[0, 51, 255, 255, 0, 0, 0, 255])),
+        ("q", webp(2, &[255, 128, 128, 253, 128, 128, 128, 252])),
+        ("c", webp(2, &[0, 51, 255, 51, 255, 255, 255, 255])),
+        ("p", webp(192, &palette)),
+        ("i", webp(2, &[1, 0, 0, 255, 0, 0, 0, 255])),
+    ])
+}
+
+#[test]
+fn bytes_of_a_sog_of_version_1_are_steps_between_bounds() {
+    let (scene, report) = read("a.sog", &sog_1("means", "means")).unwrap();
+    assert_eq!((&report.form[..], scene.len(), scene.sh_degree), ("SOG, version 1", 2, 1));
+    let close = |a: f32, b: f64| assert!((f64::from(a) - b).abs() < 1e-5, "{a} is not {b}");
+    // 127 * 256 + 255 of 65535, just below the middle of -1 to 1; sign(v) (exp(|v|) - 1).
+    close(scene.means[0][0], -1.0 / 65535.0);
+    close(scene.means[1][2], libm::expm1(4.0));
+    scene.log_scales[0].into_iter().zip([-10.0, -8.0, -3.0]).for_each(|(a, b)| close(a, b));
+    // x was left out; w is 1 / sqrt(2).
+    close(scene.rotations[0][0], std::f64::consts::FRAC_1_SQRT_2);
+    assert!(scene.rotations[0][1] > 0.7 && scene.rotations[1][0] > 0.99);
+    scene.sh_of(0)[0].into_iter().zip([-2.0, 0.0, 5.0]).for_each(|(a, b)| close(a, b));
+    assert_eq!(scene.opacity_logits, [-2.0, 10.0]);
+    for (rgb, red) in scene.sh_of(0)[1..].iter().zip([-0.5, -0.296, 0.52]) {
+        close(rgb[0], red);
+        close(rgb[1], -0.5);
+    }
+    close(scene.sh_of(1)[3][2], 0.52);
+}
+
+#[test]
+fn a_hostile_meta_of_a_sog_is_refused() {
+    let not_json = "not the JSON of a SOG's meta.json";
+    for (from, to, said) in [
+        ("[2, 3], \"dtype\"", "[], \"dtype\"", "meta.json: means: its shape is empty"),
+        ("[2, 3], \"dtype\"", "[-2, 3], \"dtype\"", not_json),
+        ("[2, 3], \"mins\"", "[9, 3], \"mins\"", "different shapes"),
+        ("[-1, 0, 0]", "[-1, 0]", not_json),
+        ("[-1, 0, 0]", "[1e400, 0, 0]", "number out of range"),
+        ("[-5, -4, -3]", "[1e39, -4, -3]", "number out of range"),
+        ("[2, ", "[9, ", "l: it has 2 pixels for 9 Gaussians"),
+        ("[2, 9]", "[2, 10]", "shN: its shape is not N by 9, 24 or 45"),
+        ("[2, 9]", "[2, 24]", "p: it is 192 pixels wide, not 512"),
+        ("[\"s\"]", "[\"../s\"]", "not the name of a file beside meta.json"),
+        ("[\"s\"]", "[\"gone\"]", "gone: it is not in the archive"),
+        ("\"means\"", "\"version\": 3, \"means\"", "SOG version 3: not read (1 and 2 are)"),
+        ("\"means\"", "\"version\": 2, \"means\"", not_json),
+    ] {
+        says(read("a.sog", &sog_1(from, to)), said);
+    }
+}
+
+#[test]
+fn a_sog_says_whether_a_model_is_antialiased() {
+    for (says, antialiased) in [
+        ("\"model\": \"antialiased\", ", true),
+        ("\"antialias\": true, ", true),
+        ("\"model\": \"default\", ", false),
+        ("\"antialias\": false, ", false),
+        ("", false),
+    ] {
+        let sog = sog_1("\"means\": {", &format!("{says}\"means\": {{"));
+        assert_eq!(read("a.sog", &sog).unwrap().0.antialiased, antialiased, "{says}");
+    }
+}
+
+/// A SOG of version 2 with one Gaussian of degree 0 and this codebook of scales. Its scales have the bytes 0, 2, 4.
+fn sog_2(scales: &str) -> Vec<u8> {
+    let meta = format!(
+        r#"{{"version": 2, "count": 1, "asset": {{"generator": "a"}}, "origin": "null",
+        "means": {{"mins": [-1, 0, 0], "maxs": [1, 2, 4], "files": ["l", "u"]}},
+        "scales": {{"codebook": {scales}, "files": ["s"]}},
+        "quats": {{"files": ["q"]}},
+        "sh0": {{"codebook": [0, 1, 2], "files": ["c"]}}}}"#
+    );
+    zipped(&[
+        ("meta.json", meta.into_bytes()),
+        ("l", webp(1, &[255; 4])),
+        ("u", webp(1, &[127, 0, 0, 255])),
+        ("s", webp(1, &[0, 2, 4, 255])),
+        ("q", webp(1, &[128, 128, 128, 252])),
+        ("c", webp(1, &[0, 1, 2, 51])),
+    ])
+}
+
+#[test]
+fn missing_entries_of_a_codebook_are_read_from_their_neighbours() {
+    let scales =
+        |codebook| read("a.sog", &sog_2(codebook)).map(|(s, r)| (s.log_scales[0], r.notes));
+    let (plain, notes) = scales("[-9, -8, -7, -6, -5]").unwrap();
+    assert_eq!(plain, [-9.0, -7.0, -5.0]);
+    assert_eq!(notes, ["\"origin\" of meta.json is not used"]);
+    // The first as PlayCanvas has it: the second less a 4th of the range of the others.
+    for codebook in
+        ["[null, -8, -7, -6, -4]", "[NaN, -8, -7, -6, -4]", "[-Infinity, -8, -7, -6, -4]"]
+    {
+        let (first, notes) = scales(codebook).unwrap();
+        assert_eq!(first, [-9.0, -7.0, -4.0]);
+        assert!(
+            notes.join("; ").contains("1 entry of the codebook of scales missing"),
+            "{notes:?}"
+        );
+    }
+    let (others, _) = scales("[-9, -8, null, null, null]").unwrap();
+    assert_eq!(others, [-9.0, -7.75, -7.25]);
+    let (inner, _) = scales("[-9, null, null, -6, -5]").unwrap();
+    assert_eq!(inner, [-9.0, -7.0, -5.0]);
+    says(scales("[null, null, null]"), "meta.json: scales: its codebook has no number");
+    says(scales("[]"), "its codebook has no number");
+}
+
+#[test]
+fn a_sog_is_the_same_in_a_folder_and_in_an_archive() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = fixture("formats/small.sog");
+    let file = std::fs::File::open(&path).unwrap();
+    zip::ZipArchive::new(file).unwrap().extract(dir.path()).unwrap();
+    let (bundled, _) = model::read(path, &ReadOptions::default()).unwrap();
+    let (unbundled, report) =
+        model::read(dir.path().join("meta.json"), &ReadOptions::default()).unwrap();
+    assert_eq!(report.format, "sog");
+    assert_eq!(unbundled, bundled);
+    std::fs::remove_file(dir.path().join("quats.webp")).unwrap();
+    says(
+        model::read(dir.path().join("meta.json"), &ReadOptions::default()),
+        "quats.webp: cannot read: ",
+    );
+}
