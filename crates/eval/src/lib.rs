@@ -23,5 +23,6 @@ pub mod scenes;
 pub mod stress;
 mod study;
 
+pub use cache::hash_bytes;
 pub use process::{gsvx_command, printed};
 pub use scenes::TestScene;

@@ -97,9 +97,6 @@ struct Peer {
     ssim: f64,
 }
 
-/// How the names of the paper's lists without initialisation (Fig. 6 and 7) begin; reports leave them out.
-pub(crate) const NO_INIT: &str = "paper, no initialisation";
-
 /// Name of the curve that holds the paper's coding chain as recorded beside a scene.
 pub(crate) const PAPER_CHAIN: &str = "paper's chain (TMC13)";
 

@@ -10,7 +10,6 @@ mod outcome;
 #[path = "../../../crates/testing/src/rng.rs"]
 mod rng;
 mod scene;
-#[path = "../../src/conformance/seal.rs"]
 mod seal;
 mod streams;
 

@@ -8,10 +8,12 @@ mod codec;
 #[path = "../../../crates/gsvx/tests/common/mod.rs"]
 mod common;
 pub mod readers;
-#[path = "../../src/conformance/seal.rs"]
+#[path = "../../forged/src/seal.rs"]
 mod seal;
 pub mod seeds;
 mod streams;
+
+use common::forge;
 
 /// Runs parallel loops on the thread that fuzzes: handing work to a pool costs more than the
 /// work.

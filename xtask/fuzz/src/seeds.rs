@@ -10,8 +10,8 @@ use gsvx::EncodeOptions;
 use std::num::NonZeroUsize;
 
 use crate::codec::{self, plans};
-use crate::{readers, streams as targets};
 use crate::common::{self, forge, scene};
+use crate::{readers, streams as targets};
 pub use testing::Rng;
 
 /// A fuzz target.

@@ -9,7 +9,8 @@ use anyhow::{Result, bail, ensure};
 use gsvx::{DecodeOptions, Index};
 use testing::Rng;
 
-use super::{Tally, Verdict, golden, seal};
+use super::forge::{self, Layers};
+use super::{Tally, Verdict, golden};
 
 /// Longest decode of a broken stream of these sizes (some tens of kB at most). A whole stream takes
 /// milliseconds, but the machine may be loaded.
@@ -183,45 +184,40 @@ fn spliced(streams: &Streams, each: usize) -> Result<Findings> {
 /// Bytes of heads and layers changed, and layers exchanged, under checksums that are right.
 fn forged(streams: &Streams, each: usize) -> Result<Findings> {
     let (mut seen, mut rng) = (Findings::default(), Rng::seeded(3));
-    let mut parsed: Vec<(Index, &[u8])> = Vec::new();
-    for (name, bytes) in streams {
-        // A stream that is whole is sealed already.
-        let mut sealed = bytes.clone();
-        seal::repair(&mut sealed);
-        ensure!(sealed == *bytes, "{name}: its checksums are not where they should be");
-        parsed.push((Index::parse(bytes)?, bytes));
-    }
-    for (index, bytes) in &parsed {
+    let apart: Vec<(Index, Layers)> =
+        streams.iter().map(|(_, bytes)| forge::take_apart(bytes)).collect();
+    for ((index, own), (_, bytes)) in apart.iter().zip(streams) {
         for round in 0..each {
-            let mut broken = bytes.to_vec();
-            let head = index.head_len as usize;
-            match round % 3 {
-                // Behind signature, version and length.
-                0 => broken[13 + rng.below(head - 17)] = rng.bits() as u8,
-                1 if head < broken.len() => {
-                    let at = head + rng.below(broken.len() - head);
-                    broken[at] = rng.bits() as u8;
+            let mut layers = own.clone();
+            let (_, others) = &apart[rng.below(apart.len())];
+            let broken = match (round % 3, any(own, &mut rng), any(others, &mut rng)) {
+                (1, Some([chunk, layer]), _) if !layers[chunk][layer].is_empty() => {
+                    let layer = &mut layers[chunk][layer];
+                    let at = rng.below(layer.len());
+                    layer[at] = rng.bits() as u8;
+                    forge::assemble(index, &layers)
+                }
+                (2, Some(to), Some(from)) => {
+                    layers[to[0]][to[1]].clone_from(&others[from[0]][from[1]]);
+                    forge::assemble(index, &layers)
                 }
                 _ => {
-                    let (other, of) = &parsed[rng.below(parsed.len())];
-                    exchange(index, &mut broken, other, of, &mut rng);
+                    // Behind signature, version and length.
+                    let (head, rest) = bytes.split_at(index.head_len as usize);
+                    let mut body = head[13..head.len() - 4].to_vec();
+                    let at = rng.below(body.len());
+                    body[at] = rng.bits() as u8;
+                    [&forge::with_checksum(body), rest].concat()
                 }
-            }
-            seal::repair(&mut broken);
+            };
             seen.decode(&broken, &DecodeOptions::default(), Allowed::Anything)?;
         }
     }
     Ok(seen)
 }
 
-/// Writes a layer of one stream over a layer of another, as far as it goes.
-fn exchange(own: &Index, into: &mut [u8], other: &Index, from: &[u8], rng: &mut Rng) {
-    let any = |index: &Index, rng: &mut Rng| {
-        let layers: Vec<_> = index.chunks.iter().flat_map(|c| &c.layers).collect();
-        let layer = layers.get(rng.below(layers.len())).map(|l| l.range());
-        layer.map_or(0..0, |r| r.start as usize..r.end as usize)
-    };
-    let (to, from) = (&mut into[any(own, rng)], &from[any(other, rng)]);
-    let len = to.len().min(from.len());
-    to[..len].copy_from_slice(&from[..len]);
+/// Chunk and number of a layer, if there is one.
+fn any(layers: &Layers, rng: &mut Rng) -> Option<[usize; 2]> {
+    let chunk = (!layers.is_empty()).then(|| rng.below(layers.len()))?;
+    Some([chunk, rng.below(layers[chunk].len())])
 }

@@ -3,11 +3,13 @@
 //! quality and refuses broken streams. One line per check.
 
 mod damage;
+#[path = "../../../crates/gsvx/tests/common/forge.rs"]
+#[allow(dead_code, reason = "a part is used")]
+mod forge;
 mod golden;
 mod page;
 mod quality;
 mod references;
-mod seal;
 mod threads;
 
 use std::panic::{AssertUnwindSafe, catch_unwind};

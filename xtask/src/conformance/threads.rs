@@ -1,22 +1,18 @@
 //! The same bytes, floats and pixels for any number of threads.
 
 use anyhow::{Context, Result, ensure};
-use eval::{measure, scenes};
-use finetune::RenderOptions;
+use eval::{hash_bytes, measure, scenes};
+use finetune::{RenderOptions, TrainView};
+use gs_model::Scene;
 use gsvx::{DEFAULT_QUALITY, EncodeOptions};
 use std::num::NonZeroUsize;
 
-use sha2::{Digest, Sha256};
 use testing::sha256;
 use tune::{FineTune, FineTuneOptions, Target, Targets, Tune, TuneOptions, TunePlan};
 
 use super::{Tally, Verdict};
 
 const THREADS: [usize; 4] = [1, 2, 3, 8];
-
-fn hash_bytes(bytes: &[u8]) -> String {
-    Sha256::digest(bytes).iter().map(|b| format!("{b:02x}")).collect()
-}
 
 /// What `work` gives on each number of threads; an error if they differ.
 fn same(what: &str, work: impl Fn() -> Result<String> + Send + Sync) -> Result<Verdict> {
@@ -34,13 +30,15 @@ fn same(what: &str, work: impl Fn() -> Result<String> + Send + Sync) -> Result<V
     )))
 }
 
+/// Two views of the room, and its model.
+fn room() -> Result<(Vec<TrainView>, Scene)> {
+    let room = scenes::find(scenes::DEFAULT)?.dataset;
+    Ok((measure::load(room.training().take(2))?, gs_model::ply::read(&room.model_path)?.0))
+}
+
 pub(super) fn checks(tally: &mut Tally) {
-    let room = scenes::find(scenes::DEFAULT);
-    let (room, scene) = match room.and_then(|r| {
-        let (scene, _) = gs_model::ply::read(&r.dataset.model_path)?;
-        Ok((r.dataset, scene))
-    }) {
-        Ok(both) => both,
+    let (views, scene) = match room() {
+        Ok(all) => all,
         Err(why) => return tally.check("threads", || Err(why)),
     };
     let default = EncodeOptions::default();
@@ -74,10 +72,6 @@ pub(super) fn checks(tally: &mut Tally) {
             Ok(hash_bytes(&[&*bytes, sha256(&paper::decode(&bytes)?).as_bytes()].concat()))
         })
     });
-    let views = match measure::load(room.training().take(2)) {
-        Ok(views) => views,
-        Err(why) => return tally.check("rasterizer over threads", || Err(why)),
-    };
     tally.check("rasterizer over threads", || {
         same("the same pixels", || {
             let image = finetune::render(&scene, &views[0].camera, &RenderOptions::default());

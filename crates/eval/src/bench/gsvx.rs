@@ -27,33 +27,25 @@ pub struct GsvxOptions {
     out: PathBuf,
 }
 
-/// What is done: a name, the words of the command, its input and its output.
-type Step = (&'static str, &'static [&'static str], File, File);
-
-/// A file of the bench's folder.
-#[derive(Clone, Copy, PartialEq)]
-enum File {
-    Model,
-    Stream,
-    Plan,
-    Other,
-}
-
-const STEPS: [Step; 12] = [
-    ("encode, with the estimate of the loss", &["encode"], File::Model, File::Stream),
-    ("encode", &["encode", "--no-estimate"], File::Model, File::Stream),
-    ("decode", &["decode"], File::Stream, File::Other),
-    ("decode, SH degree 0", &["decode", "--max-sh-degree=0"], File::Stream, File::Other),
-    ("encode --lod", &["encode", "--lod", "--no-estimate"], File::Model, File::Stream),
+/// What is done: a name, the words of the command, its input and its output in the bench's folder.
+const STEPS: [[&str; 4]; 12] = [
+    ["encode, with the estimate of the loss", "encode", MODEL, STREAM],
+    ["encode", "encode --no-estimate", MODEL, STREAM],
+    ["decode", "decode", STREAM, "back.ply"],
+    ["decode, SH degree 0", "decode --max-sh-degree=0", STREAM, "back.ply"],
+    ["encode --lod", "encode --lod --no-estimate", MODEL, STREAM],
     // What is beyond the coarsest level means the coarsest.
-    ("decode of the coarsest level", &["decode", "--lod=255"], File::Stream, File::Other),
-    ("encode --memory 1G", &["encode", "--memory=1G"], File::Model, File::Other),
-    ("plan", &["plan"], File::Model, File::Plan),
-    ("encode, a part of 16", &["encode", "--part=1/16"], File::Plan, File::Other),
-    ("render, a view of a megapixel", RENDER, File::Stream, File::Other),
-    ("render, nine views of a megapixel", RENDER_NINE, File::Stream, File::Other),
-    ("tune --effort quick", &["tune", "--orbit=32", "--effort=quick"], File::Model, File::Other),
+    ["decode of the coarsest level", "decode --lod=255", STREAM, "back.ply"],
+    ["encode --memory 1G", "encode --memory=1G", MODEL, "other.gsvx"],
+    ["plan", "plan", MODEL, PLAN],
+    ["encode, a part of 16", "encode --part=1/16", PLAN, "other.gsvx"],
+    ["render, a view of a megapixel", "render --orbit=1 --size=1000x1000", STREAM, "pictures"],
+    ["render, nine views of a megapixel", "render --orbit=9 --size=1000x1000", STREAM, "pictures"],
+    ["tune --effort quick", "tune --orbit=32 --effort=quick", MODEL, "other.gsvx"],
 ];
+const MODEL: &str = "model.ply";
+const STREAM: &str = "model.gsvx";
+const PLAN: &str = "model.plan";
 /// Steps of the chart; the table has all.
 const DRAWN: [&str; 5] = [
     "encode",
@@ -62,8 +54,6 @@ const DRAWN: [&str; 5] = [
     "render, nine views of a megapixel",
     "tune --effort quick",
 ];
-const RENDER: &[&str] = &["render", "--orbit=1", "--size=1000x1000"];
-const RENDER_NINE: &[&str] = &["render", "--orbit=9", "--size=1000x1000"];
 
 /// Measures and writes the page.
 ///
@@ -78,29 +68,20 @@ pub fn run(options: &GsvxOptions) -> Result<()> {
     let mut series = DRAWN.map(|step| Series::ours(step, Vec::new()));
     for &n in &options.sizes {
         let dir = tempfile::tempdir().context("make a temporary folder")?;
-        let path = |file: File, words: &[&str]| {
-            dir.path().join(match (file, words[0]) {
-                (File::Model, _) => "model.ply",
-                (File::Stream, _) => "model.gsvx",
-                (File::Plan, _) => "model.plan",
-                (File::Other, "decode") => "back.ply",
-                (File::Other, "render") => "pictures",
-                (File::Other, _) => "other.gsvx",
-            })
-        };
-        let model = path(File::Model, &[""]);
+        let model = dir.path().join(MODEL);
         ply::write(&model, &replicate(&scene, n))?;
         // Otherwise the disk would still be busy with it in the first measurement.
         std::fs::File::open(&model)?.sync_all()?;
-        for (step, words, from, to) in &STEPS {
-            let (input, output) = (path(*from, words), path(*to, words));
-            let mut command = gsvx.words(*words);
-            let Usage { wall, user, peak_mb } = gsvx.make(command.arg(&input), &output)?.usage;
+        for [step, words, input, output] in STEPS {
+            let output = dir.path().join(output);
+            let mut command = gsvx.words(words.split(' '));
+            command.arg(dir.path().join(input));
+            let Usage { wall, user, peak_mb } = gsvx.make(&mut command, &output)?.usage;
             let written = std::fs::metadata(&output)?;
             let written = written.is_file().then(|| written.len() as f64 / 1e6);
             let written = number(written, 2);
             table.told(format!("{n} | {step} | {wall:.2} | {user:.2} | {peak_mb:.0} | {written}"));
-            if let Some(drawn) = DRAWN.iter().position(|drawn| drawn == step) {
+            if let Some(drawn) = DRAWN.iter().position(|drawn| *drawn == step) {
                 series[drawn].points.push((n as f64 / 1e6, wall));
             }
         }

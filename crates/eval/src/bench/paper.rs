@@ -14,7 +14,7 @@ use crate::process::timed;
 use crate::rd_curve::one_tune;
 use crate::rd_curve::options::{CurveOptions, TUNED_QUALITIES, Tuning};
 use crate::rd_curve::plan::{
-    self, Coding, CurvePlan, GSVX, PAPER_QPS, Voxels, criteria, paper_codings,
+    self, Coding, CurvePlan, GSVX, PAPER_QPS, Sight, Voxels, criteria, paper_codings,
 };
 use crate::rd_curve::stages::{self, Branch};
 use crate::record::{Curve, Record};
@@ -41,28 +41,208 @@ pub struct PaperOptions {
     out: PathBuf,
 }
 
-/// What is measured on one scene.
-struct SceneFigures {
-    name: String,
-    original: Record,
+/// What the page has of one scene.
+struct ScenePart {
     depth: u8,
-    rows: Vec<Row>,
-    /// Fine-tuned: uniform, criteria as far as the paper's, criteria nearer, the released code.
-    tuned: [Curve; 4],
-    /// Not fine-tuned: uniform, criteria as far as the paper's.
-    untuned: [Curve; 2],
-    /// The same two octrees in gsvx's merging and coding, not fine-tuned.
-    in_gsvx: [Curve; 2],
-    /// dB after a fine-tune from nothing, 30/8 as long.
-    from_nothing: f64,
-    /// Seconds of the barycenters of the final leaves over seconds of the criteria.
-    factor: f64,
-    /// SPZ, if it was recorded.
-    spz: Option<Vec<Point>>,
-    /// gsvx, not tuned.
-    gsvx: Curve,
-    /// `gsvx tune`: one run for all qualities, a run for each.
-    one_tune: Option<[Vec<Point>; 2]>,
+    /// Claims, what the paper says, and what holds here.
+    claims: Vec<[String; 3]>,
+    voxelizations: Table,
+}
+
+/// Measures and writes the page.
+///
+/// # Errors
+/// If a scene cannot be read or a file cannot be written.
+pub fn run(options: &PaperOptions) -> Result<()> {
+    let PaperOptions { scenes, steps, .. } = options;
+    let parts = scenes.iter().map(|name| part(name, options));
+    let parts: Vec<ScenePart> = parts.collect::<Result<_>>()?;
+    let depths = scenes.iter().zip(&parts).map(|(name, part)| format!("{name} {}", part.depth));
+    let mut page = Page::new(&options.out, "The paper's claims");
+    page.text(format!(
+        "`cargo xtask paper {} --steps {steps}`{}. The system is that of the paper, by the crate `paper`: its voxelization, \
+         its initialisation (plain means, covariance of the largest), its fine-tune (means fixed, loss and rates of the \
+         3DGS code), its coding with both covariance modes and QP triples from its published hull. Playroom and Truck, the \
+         paper's scenes, have never been measured here (`cargo xtask fetch` gets them). J is the uniform depth at which a \
+         merged model renders like the original to 40 dB: {}. The paper's criteria reach from J-3 to J+5, as on Playroom \
+         (8 to 16 about 11), with v = 20 %, tau1 = 30 and tau2 = half a voxel; v and tau1 are those of the authors' code, \
+         the text has none. Fine-tunes take {steps} steps where the paper takes 8000. BD-rates are by pchip between hulls.",
+        scenes.join(" "),
+        if options.quick { " `--quick`" } else { "" },
+        depths.collect::<Vec<_>>().join(", "),
+    ));
+    let mut table = Table::new(format!("claim | the paper | {}", scenes.join(" | ")));
+    for (i, [claim, paper, _]) in parts.first().map_or(&[][..], |p| &p.claims).iter().enumerate() {
+        let here: Vec<&str> = parts.iter().map(|part| part.claims[i][2].as_str()).collect();
+        table.row(format!("{claim} | {paper} | {}", here.join(" | ")));
+    }
+    page.table(&table);
+    page.text(include_str!("paper.md").trim());
+    for (name, part) in scenes.iter().zip(&parts) {
+        page.text(format!("## Voxelizations: {name}"));
+        page.table(&part.voxelizations);
+    }
+    page.write()
+}
+
+fn part(name: &str, options: &PaperOptions) -> Result<ScenePart> {
+    let mut curve_options = CurveOptions::of(name)?;
+    curve_options.quick = options.quick;
+    let study = &curve_options.study()?;
+    let depth = plan::depth(study, None)?;
+    let strategies = strategies(depth);
+    let [_, (_, uniform), _, (_, to_far), (_, to_near), .., (_, released)] = &strategies;
+    let rows = strategies.iter().map(|(what, strategy)| row(study, what, strategy));
+    let rows = rows.collect::<Result<Vec<Row>>>()?;
+
+    let steps = options.steps;
+    let tuning = Tuning { steps, initialised: true, backend: options.backend };
+    let curve = |name: &'static str, steps, tuning| {
+        stages::curve(study, CurvePlan { name, what: String::new(), tuning, steps })
+    };
+    let paper = |strategy: &Strategy, tuning| {
+        curve("paper", vec![(Voxels::given(strategy, Merge::Paper), paper_codings())], tuning)
+    };
+    let qualities = curve_options.qualities()?;
+    let in_gsvx = |name, strategy: &Strategy| {
+        let codings = qualities.iter().map(|&q| Coding::own(q)).collect();
+        curve(name, vec![(Voxels::given(strategy, Merge::Moments), codings)], None)
+    };
+    let own = TUNED_QUALITIES
+        .map(|q| (Voxels::default(q, Sight::DropUnseen), vec![Coding::own(q)]))
+        .into();
+    let nothing = Tuning { steps: steps * 30 / 8, initialised: false, ..tuning };
+    let blank = Voxels::given(uniform, Merge::Paper);
+    let from_nothing = Branch::new(study, &blank, Some(nothing)).voxelized()?.score.psnr_db;
+    let tuned = [
+        paper(uniform, Some(tuning))?,
+        paper(to_far, Some(tuning))?,
+        paper(to_near, Some(tuning))?,
+        paper(released, Some(tuning))?,
+    ];
+    let untuned = [paper(uniform, None)?, paper(to_far, None)?];
+    let in_gsvx =
+        [in_gsvx("paper page uniform", uniform)?, in_gsvx("paper page criteria", to_far)?];
+    let gsvx = curve(GSVX, own, None)?.rates(Metric::Psnr);
+    let is_tuned = name == scenes::DEFAULT && !options.quick;
+    let [one_tune, tunes] = match is_tuned {
+        true => one_tune(study)?,
+        false => [Vec::new(), Vec::new()],
+    };
+    let original = study.original()?.score.psnr_db;
+
+    let mut claims: Vec<[String; 3]> = Vec::new();
+    let mut claim = |what: &str, paper: &str, here: String| {
+        claims.push([what.into(), paper.into(), here]);
+    };
+    let bd = |anchor: &[Point], test: &[Point]| signed(bd::bd_rate(anchor, test), 1, " %");
+    let is_lossless = |p: &Record| p.setting.contains("lossless");
+    let of = |curve: &Curve, mode: Option<bool>| -> Vec<Point> {
+        let points = curve.points.iter().filter(|p| mode.is_none_or(|m| m == is_lossless(p)));
+        points.map(|p| p.rate(Metric::Psnr)).collect()
+    };
+    let rate = |test: &Curve, anchor: &Curve, mode| bd(&of(anchor, mode), &of(test, mode));
+    let says = "Playroom -13.42 %, Truck -12.64 %";
+    let [of_uniform, of_criteria, of_near, of_released] = &tuned;
+    claim(
+        "Table 1, fig. 8: criteria against uniform J, fine-tuned",
+        says,
+        rate(of_criteria, of_uniform, None),
+    );
+    let [lossy, lossless] = [false, true].map(|mode| rate(of_criteria, of_uniform, Some(mode)));
+    claim("the same, covariances by the codebook", "", lossy);
+    claim("the same, covariances without loss", "", lossless);
+    claim("the same, not fine-tuned", "", rate(&untuned[1], &untuned[0], None));
+    let what = "the same, merged and coded as gsvx does, not fine-tuned";
+    claim(what, "", rate(&in_gsvx[1], &in_gsvx[0], None));
+    claim("criteria from J-3 to J+1 only, fine-tuned", "", rate(of_near, of_uniform, None));
+    let what = "the authors' code instead, fine-tuned";
+    claim(what, "(made its figures)", rate(of_released, of_uniform, None));
+    let share = |of: fn(&Row) -> f64| format!("{:.2}", of(&rows[3]) / of(&rows[1]));
+    let says = "a significant reduction";
+    claim("criteria / uniform J: Gaussians", says, share(|r| r.leaves as f64));
+    claim(
+        "criteria / uniform J: bytes of positions",
+        "smaller octrees",
+        share(|r| r.geometry as f64),
+    );
+    let says = "the criteria minimise it";
+    claim("criteria / uniform J: equation 4", says, share(|r| r.distortion));
+    let factor = factor(study, to_far)?;
+    claim("time of barycenters / of the criteria", "about 15", format!("{factor:.0}"));
+    let short = |db: f64| format!("{:+.2} dB", db - original);
+    let [tuned_uniform, tuned_criteria] =
+        [of_uniform, of_criteria].map(|curve| short(curve.voxelized[0].score.psnr_db));
+    let what = format!("fig. 7: uniform J, initialised, after {steps} steps, to the original");
+    claim(&what, "near 0 after 8000", tuned_uniform);
+    let what = format!("fig. 6 and 7: from nothing, after {} steps", nothing.steps);
+    claim(&what, "below it after 30000", short(from_nothing));
+    let what = "criteria, initialised, fine-tuned, to the original";
+    claim(what, "as uniform", tuned_criteria);
+    let (ac, dc, opacity, quality) = PAPER_QPS[PAPER_QPS.len() - 2];
+    let [book, exact] = [false, true].map(|mode| {
+        let is_it = |p: &&Record| p.quality == quality && is_lossless(p) == mode;
+        of_uniform.points.iter().find(is_it)
+    });
+    let more = book.zip(exact).map(|(book, exact)| {
+        let more = 100.0 * (exact.bytes as f64 / book.bytes as f64 - 1.0);
+        format!("{more:+.0} %, {:+.2} dB", exact.score.psnr_db - book.score.psnr_db)
+    });
+    let what = format!("covariances without loss against the codebook, QP {ac}/{dc}/{opacity}");
+    claim(&what, "a higher bitrate", more.unwrap_or("-".into()));
+    let smallest = of_uniform.points.iter().min_by_key(|p| p.bytes);
+    let indices = smallest.and_then(|p| {
+        let bytes = p.parts.iter().find(|(part, _)| part == "codebook indices")?.1;
+        Some(100.0 * bytes as f64 / p.bytes as f64)
+    });
+    let indices = indices.map_or("-".into(), |share| format!("{share:.0} %"));
+    claim("codebook indices in the smallest stream", "not counted", indices);
+    // The hull takes the better of the two octrees, which is the paper's side.
+    let best = |curves: &[Curve]| -> Vec<Point> {
+        curves.iter().flat_map(|curve| curve.rates(Metric::Psnr)).collect()
+    };
+    let (paper, paper_untuned) = (best(&tuned[..2]), best(&untuned));
+    let spz = peers::curves(study)?;
+    let spz = spz.iter().find(|o| o.name.starts_with("SPZ") && o.is_comparable());
+    let against_spz = spz.map_or("-".into(), |spz| bd(&spz.rates(Metric::Psnr), &paper));
+    let what = "section 4.2: the paper, fine-tuned, against SPZ";
+    claim(what, "less by large margins", against_spz);
+    claim("gsvx against the paper, neither tuned", "", bd(&paper_untuned, &gsvx));
+    let what = "one encoding, many rates: one run of `gsvx tune --effort quick --qualities`, six streams, against the paper, fine-tuned";
+    claim(what, "its promise", bd(&paper, &one_tune));
+    claim("the same against gsvx untuned", "", bd(&gsvx, &one_tune));
+    let what = "a run for each rate, against the paper, fine-tuned once";
+    claim(what, "a critical limit of peers", bd(&paper, &tunes));
+    claim("the same against gsvx untuned", "", bd(&gsvx, &tunes));
+    let what = "for reference, the authors' published points";
+    claim(what, &published_rates()?, String::new());
+
+    Ok(ScenePart { depth, claims, voxelizations: voxelizations(&rows) })
+}
+
+/// The voxelizations of the page about a uniform depth.
+fn strategies(depth: u8) -> [(String, Strategy); 8] {
+    let (low, near, far) = (depth.saturating_sub(3).max(1), depth + 1, (depth + 5).min(20));
+    let uniform = |depth| Strategy::Uniform { depth };
+    let to_near =
+        |v, tau2| Strategy::Paper { large_percent: v, j_low: low, j_high: near, tau1: 30, tau2 };
+    let span = |high: u8| {
+        let [low, high] = [low, high].map(|end| i32::from(end) - i32::from(depth));
+        format!("criteria, J{low:+} to J{high:+}")
+    };
+    [
+        ("uniform, J-1".into(), uniform(depth - 1)),
+        ("uniform, J".into(), uniform(depth)),
+        ("uniform, J+1".into(), uniform(near)),
+        (span(far), criteria(depth)),
+        (span(near), Strategy::paper(low, near)),
+        ("the same without large ones (v = 0)".into(), to_near(0.0, 0.5)),
+        ("the same without v and tau2".into(), to_near(0.0, 1.0)),
+        (
+            "the authors' code from J-2".into(),
+            Strategy::Released(Released::new(depth.saturating_sub(2))),
+        ),
+    ]
 }
 
 /// One voxelization.
@@ -77,133 +257,14 @@ struct Row {
     moments: f64,
 }
 
-/// Measures and writes the page.
-///
-/// # Errors
-/// If a scene cannot be read or a file cannot be written.
-pub fn run(options: &PaperOptions) -> Result<()> {
-    let all: Vec<SceneFigures> =
-        options.scenes.iter().map(|s| measure_scene(s, options)).collect::<Result<_>>()?;
-    let mut page = Page::new(&options.out, "The paper's claims");
-    page.text(format!(
-        "`cargo xtask paper {} --steps {}`{}. The system is that of the paper, by the crate `paper`: its voxelization, its \
-         initialisation (plain means, covariance of the largest), its fine-tune (means fixed, loss and rates of the 3DGS \
-         code), its coding with both covariance modes and QP triples from its published hull. Playroom and Truck, the \
-         paper's scenes, have never been measured here (`cargo xtask fetch` gets them). J is the uniform depth at which a \
-         merged model renders like the original to 40 dB: {}. The paper's criteria reach from J-3 to J+5, as on Playroom \
-         (8 to 16 about 11), with v = 20 %, tau1 = 30 and tau2 = half a voxel; v and tau1 are those of the authors' code, \
-         the text has none. Fine-tunes take {} steps where the paper takes 8000. BD-rates are by pchip between hulls.",
-        options.scenes.join(" "),
-        options.steps,
-        if options.quick { " `--quick`" } else { "" },
-        all.iter().map(|m| format!("{} {}", m.name, m.depth)).collect::<Vec<_>>().join(", "),
-        options.steps,
-    ));
-    page.table(&claims(&all, options.steps)?);
-    page.text(include_str!("paper.md").trim());
-    for scene in &all {
-        page.text(format!("## Voxelizations: {}", scene.name));
-        page.table(&voxelizations(scene));
-    }
-    page.write()
-}
-
-fn measure_scene(name: &str, options: &PaperOptions) -> Result<SceneFigures> {
-    let mut curve_options = CurveOptions::of(name)?;
-    curve_options.quick = options.quick;
-    let study = &curve_options.study()?;
-    let depth = plan::depth(study, None)?;
-    let (low, near) = (depth.saturating_sub(3).max(1), depth + 1);
-    let uniform = Strategy::Uniform { depth };
-    let far = criteria(depth);
-    let released = Strategy::Released(Released::new(depth.saturating_sub(2)));
-    let close = Strategy::paper(low, near);
-    let without = |large_percent, tau2| Strategy::Paper {
-        large_percent,
-        j_low: low,
-        j_high: near,
-        tau1: 30,
-        tau2,
-    };
-    let span = |low: u8, high: u8| {
-        format!(
-            "J{:+} to J{:+}",
-            i32::from(low) - i32::from(depth),
-            i32::from(high) - i32::from(depth)
-        )
-    };
-    let near_span = span(low, near);
-    let rows = [
-        ("uniform, J-1".into(), Strategy::Uniform { depth: depth - 1 }),
-        ("uniform, J".into(), uniform.clone()),
-        ("uniform, J+1".into(), Strategy::Uniform { depth: near }),
-        (format!("criteria, {}", span(low, (depth + 5).min(20))), far.clone()),
-        (format!("criteria, {near_span}"), close.clone()),
-        ("the same without large ones (v = 0)".into(), without(0.0, 0.5)),
-        ("the same without v and tau2".into(), without(0.0, 1.0)),
-        ("the authors' code from J-2".into(), released.clone()),
-    ];
-    let rows = rows.into_iter().map(|(what, strategy)| row(study, what, &strategy));
-    let rows = rows.collect::<Result<Vec<Row>>>()?;
-
-    let tuning = Tuning { steps: options.steps, initialised: true, backend: options.backend };
-    let curve = |name: &'static str, voxels: Voxels, tuning, codings: Vec<Coding>| {
-        let what = voxels.what.clone();
-        stages::curve(study, CurvePlan { name, what, tuning, steps: vec![(voxels, codings)] })
-    };
-    let paper = |strategy: &Strategy, tuning| {
-        curve("paper", Voxels::paper(strategy.clone()), tuning, paper_codings())
-    };
-    let qualities = curve_options.qualities()?;
-    let in_gsvx = |name, strategy: &Strategy| {
-        let codings = qualities.iter().map(|&q| Coding::Quality(q)).collect();
-        curve(name, Voxels::fixed(strategy.clone()), None, codings)
-    };
-    let own = TUNED_QUALITIES.map(|q| (Voxels::default(q), vec![Coding::Quality(q)])).into();
-    let nothing = Tuning { steps: options.steps * 30 / 8, initialised: false, ..tuning };
-    let blank = Voxels::paper(uniform.clone());
-    let from_nothing = Branch::new(study, &blank, Some(nothing)).voxelized()?.score.psnr_db;
-    let tuned = [
-        paper(&uniform, Some(tuning))?,
-        paper(&far, Some(tuning))?,
-        paper(&close, Some(tuning))?,
-        paper(&released, Some(tuning))?,
-    ];
-    let spz =
-        peers::curves(study)?.into_iter().find(|o| o.name.starts_with("SPZ") && o.is_comparable());
-    Ok(SceneFigures {
-        name: name.to_owned(),
-        original: study.original()?,
-        depth,
-        rows,
-        untuned: [paper(&uniform, None)?, paper(&far, None)?],
-        in_gsvx: [in_gsvx("paper page uniform", &uniform)?, in_gsvx("paper page criteria", &far)?],
-        from_nothing,
-        factor: factor(study, &far)?,
-        spz: spz.map(|spz| spz.rates(Metric::Psnr)),
-        gsvx: stages::curve(
-            study,
-            CurvePlan { name: GSVX, what: String::new(), tuning: None, steps: own },
-        )?,
-        one_tune: (name == scenes::DEFAULT && !options.quick)
-            .then(|| one_tune(study))
-            .transpose()?,
-        tuned,
-    })
-}
-
-fn psnr(curve: &Curve) -> Vec<Point> {
-    curve.rates(Metric::Psnr)
-}
-
-fn row(study: &Study, what: String, strategy: &Strategy) -> Result<Row> {
+fn row(study: &Study, what: &str, strategy: &Strategy) -> Result<Row> {
     let scene = &study.test.model;
     let voxels = voxel::voxelize(scene, &voxel::cube_of(&scene.means)?, strategy)?;
     let db = |merge| -> Result<f64> {
         Ok(measure::psnr_db(&voxel::merge(scene, &voxels, merge)?, &study.test.held_out))
     };
     Ok(Row {
-        what,
+        what: what.to_owned(),
         leaves: voxels.len(),
         geometry: gpcc_lite::geometry::encode(voxels.octree())?.len(),
         distortion: w2::total_distortion(scene, &voxels),
@@ -222,114 +283,6 @@ fn factor(study: &Study, strategy: &Strategy) -> Result<f64> {
     Ok(barycenters / criteria)
 }
 
-/// The claims, one a row; a column for the paper and one for each scene.
-fn claims(all: &[SceneFigures], steps: u64) -> Result<Table> {
-    let names = all.iter().map(|m| format!(" | {}", m.name)).collect::<String>();
-    let mut table = Table::new(format!("claim | the paper{names}"));
-    let mut claim = |what: &str, paper: &str, here: &dyn Fn(&SceneFigures) -> String| {
-        let here: Vec<String> = all.iter().map(here).collect();
-        table.row(format!("{what} | {paper} | {}", here.join(" | ")));
-    };
-    let bd = |anchor: &[Point], test: &[Point]| signed(bd::bd_rate(anchor, test), 1, " %");
-    let rate = |test: &Curve, anchor: &Curve, of: fn(&Record) -> bool| {
-        let points = |curve: &Curve| -> Vec<Point> {
-            curve.points.iter().filter(|p| of(p)).map(|p| p.rate(Metric::Psnr)).collect()
-        };
-        bd(&points(anchor), &points(test))
-    };
-    let is_lossless = |p: &Record| p.setting.contains("lossless");
-    let lossy = |p: &Record| !p.setting.contains("lossless");
-    let both = |_: &Record| true;
-    let says = "Playroom -13.42 %, Truck -12.64 %";
-    claim("Table 1, fig. 8: criteria against uniform J, fine-tuned", says, &|m| {
-        rate(&m.tuned[1], &m.tuned[0], both)
-    });
-    claim("the same, covariances by the codebook", "", &|m| rate(&m.tuned[1], &m.tuned[0], lossy));
-    claim("the same, covariances without loss", "", &|m| {
-        rate(&m.tuned[1], &m.tuned[0], is_lossless)
-    });
-    claim("the same, not fine-tuned", "", &|m| rate(&m.untuned[1], &m.untuned[0], both));
-    claim("the same, merged and coded as gsvx does, not fine-tuned", "", &|m| {
-        rate(&m.in_gsvx[1], &m.in_gsvx[0], both)
-    });
-    claim("criteria from J-3 to J+1 only, fine-tuned", "", &|m| {
-        rate(&m.tuned[2], &m.tuned[0], both)
-    });
-    claim("the authors' code instead, fine-tuned", "(made its figures)", &|m| {
-        rate(&m.tuned[3], &m.tuned[0], both)
-    });
-    let share = |row: fn(&Row) -> f64| {
-        move |m: &SceneFigures| format!("{:.2}", row(&m.rows[3]) / row(&m.rows[1]))
-    };
-    claim(
-        "criteria / uniform J: Gaussians",
-        "a significant reduction",
-        &share(|r| r.leaves as f64),
-    );
-    claim(
-        "criteria / uniform J: bytes of positions",
-        "smaller octrees",
-        &share(|r| r.geometry as f64),
-    );
-    claim("criteria / uniform J: equation 4", "the criteria minimise it", &share(|r| r.distortion));
-    claim("time of barycenters / of the criteria", "about 15", &|m| format!("{:.0}", m.factor));
-    let short = |db: f64, m: &SceneFigures| format!("{:+.2} dB", db - m.original.score.psnr_db);
-    let tuned = |i: usize| move |m: &SceneFigures| short(m.tuned[i].voxelized[0].score.psnr_db, m);
-    claim(
-        &format!("fig. 7: uniform J, initialised, after {steps} steps, to the original"),
-        "near 0 after 8000",
-        &tuned(0),
-    );
-    claim(
-        &format!("fig. 6 and 7: from nothing, after {} steps", steps * 30 / 8),
-        "below it after 30000",
-        &|m| short(m.from_nothing, m),
-    );
-    claim("criteria, initialised, fine-tuned, to the original", "as uniform", &tuned(1));
-    let (ac, dc, opacity, quality) = PAPER_QPS[PAPER_QPS.len() - 2];
-    let modes = |m: &SceneFigures| -> Option<String> {
-        let at = |mode: fn(&Record) -> bool| {
-            m.tuned[0].points.iter().find(|p| p.quality == quality && mode(p))
-        };
-        let (book, exact) = (at(lossy)?, at(is_lossless)?);
-        let more = 100.0 * (exact.bytes as f64 / book.bytes as f64 - 1.0);
-        Some(format!("{more:+.0} %, {:+.2} dB", exact.score.psnr_db - book.score.psnr_db))
-    };
-    claim(
-        &format!("covariances without loss against the codebook, QP {ac}/{dc}/{opacity}"),
-        "a higher bitrate",
-        &|m| modes(m).unwrap_or("-".into()),
-    );
-    claim("codebook indices in the smallest stream", "not counted", &|m| {
-        let smallest = m.tuned[0].points.iter().min_by_key(|p| p.bytes);
-        let indices = smallest.and_then(|p| {
-            let bytes = p.parts.iter().find(|(part, _)| part == "codebook indices")?.1;
-            Some(100.0 * bytes as f64 / p.bytes as f64)
-        });
-        signed(indices, 0, " %").replace('+', "")
-    });
-    // The hull takes the better of the two octrees, which is the paper's side.
-    let best = |curves: &[Curve]| -> Vec<Point> { curves.iter().flat_map(psnr).collect() };
-    claim("section 4.2: the paper, fine-tuned, against SPZ", "less by large margins", &|m| {
-        m.spz.as_ref().map_or("-".into(), |spz| bd(spz, &best(&m.tuned[..2])))
-    });
-    claim("gsvx against the paper, neither tuned", "", &|m| bd(&best(&m.untuned), &psnr(&m.gsvx)));
-    let tuned = |i: usize, anchor: &dyn Fn(&SceneFigures) -> Vec<Point>, m: &SceneFigures| {
-        m.one_tune.as_ref().map_or("-".into(), |tuned| bd(&anchor(m), &tuned[i]))
-    };
-    let paper = |m: &SceneFigures| best(&m.tuned[..2]);
-    let gsvx = |m: &SceneFigures| psnr(&m.gsvx);
-    let what = "one encoding, many rates: one run of `gsvx tune --effort quick --qualities`, six streams, against the paper, fine-tuned";
-    claim(what, "its promise", &|m| tuned(0, &paper, m));
-    claim("the same against gsvx untuned", "", &|m| tuned(0, &gsvx, m));
-    let what = "a run for each rate, against the paper, fine-tuned once";
-    claim(what, "a critical limit of peers", &|m| tuned(1, &paper, m));
-    claim("the same against gsvx untuned", "", &|m| tuned(1, &gsvx, m));
-    let printed = published_rates()?;
-    claim("for reference, the authors' published points", &printed, &|_| String::new());
-    Ok(table)
-}
-
 /// The figures of Table 1 from the points that the authors published, by our measure.
 fn published_rates() -> Result<String> {
     let rate = |scene: &str| -> Result<String> {
@@ -340,13 +293,13 @@ fn published_rates() -> Result<String> {
     Ok(format!("{}, {}", rate("playroom")?, rate("truck")?))
 }
 
-fn voxelizations(scene: &SceneFigures) -> Table {
+fn voxelizations(rows: &[Row]) -> Table {
     let mut table = Table::new(
         "octree | Gaussians | bytes of positions | equation 4, to uniform J | initialised as the paper, dB | by moments, dB",
     );
-    for row in &scene.rows {
+    for row in rows {
         let Row { what, leaves, geometry, initialised, moments, .. } = row;
-        let distortion = row.distortion / scene.rows[1].distortion;
+        let distortion = row.distortion / rows[1].distortion;
         table.row(format!(
             "{what} | {leaves} | {geometry} | {distortion:.2} | {initialised:.2} | {moments:.2}"
         ));

@@ -16,9 +16,9 @@ use std::time::Instant;
 
 use anyhow::{Context, Result};
 
+use crate::peers;
 use crate::record::{Bd, Curve, Run};
 use crate::report::{self, sections};
-use crate::{peers, published};
 use plan::{GSVX, PAPER, PAPER_TUNED, TUNED};
 
 pub use options::CurveOptions;
@@ -54,8 +54,7 @@ pub(crate) fn curves(options: &CurveOptions) -> Result<Run> {
     }
 
     let found = &study.test.files;
-    let mut others = peers::curves(study)?;
-    others.retain(|o| !o.name.starts_with(published::NO_INIT));
+    let others = peers::curves(study)?;
     let run = Run {
         scene: found.name.clone(),
         what: found.what.clone(),

@@ -32,10 +32,8 @@ pub(crate) struct Voxels {
 /// Where the octree stops.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Rule {
-    /// As given, merged as gsvx merges.
-    Fixed(Strategy),
-    /// As given, initialised as the paper does (section 3.3).
-    Paper(Strategy),
+    /// As given.
+    Given(Strategy, Merge),
     /// The codec's default at a quality: rate-distortion pruning.
     Default(f32, Sight),
 }
@@ -52,9 +50,9 @@ pub(crate) enum Sight {
 }
 
 impl Voxels {
-    /// A strategy as given.
-    pub(crate) fn fixed(strategy: Strategy) -> Self {
-        let (name, what) = match &strategy {
+    /// A strategy, merged as gsvx merges ([`Merge::Moments`]) or as the paper initialises ([`Merge::Paper`]).
+    pub(crate) fn given(strategy: &Strategy, merge: Merge) -> Self {
+        let (name, what) = match strategy {
             Strategy::Uniform { depth } => (format!("uniform-{depth}"), format!("depth {depth}")),
             Strategy::Paper { large_percent, j_low, j_high, tau1, tau2 } => (
                 format!("criteria-{j_low}-{j_high}-v{large_percent}-{tau1}-{tau2}"),
@@ -65,22 +63,12 @@ impl Voxels {
             }
             other => (slug(&format!("{other:?}")), format!("{other:?}")),
         };
-        Self { name, what, rule: Rule::Fixed(strategy) }
-    }
-
-    /// As the paper voxelizes and initialises.
-    pub(crate) fn paper(strategy: Strategy) -> Self {
-        let Self { name, what, .. } = Self::fixed(strategy.clone());
-        Self { name: format!("paper-{name}"), what, rule: Rule::Paper(strategy) }
+        let name = if merge == Merge::Paper { format!("paper-{name}") } else { name };
+        Self { name, what, rule: Rule::Given(strategy.clone(), merge) }
     }
 
     /// The codec's default at a quality.
-    pub(crate) fn default(quality: f32) -> Self {
-        Self::seen(quality, Sight::DropUnseen)
-    }
-
-    /// The codec's default with more or less knowledge of the cameras.
-    fn seen(quality: f32, sight: Sight) -> Self {
+    pub(crate) fn default(quality: f32, sight: Sight) -> Self {
         let name = match sight {
             Sight::DropUnseen => format!("gsvx-q{quality:.0}"),
             other => slug(&format!("gsvx-{other:?}-q{quality:.0}")),
@@ -127,28 +115,21 @@ pub(crate) fn curves(base: u8, options: &CurveOptions, qualities: &[f32]) -> Vec
     let shifted = |by: i32| (i32::from(base) + by).clamp(1, 20) as u8;
     let uniform = |q: f32| {
         let depth = depth.unwrap_or_else(|| shifted(levels_deeper(q)));
-        Voxels::fixed(Strategy::Uniform { depth })
+        Voxels::given(&Strategy::Uniform { depth }, Merge::Moments)
     };
     let paper = |q: f32| {
         let by = levels_deeper(q);
         let about = || Strategy::paper(shifted(by - 1), shifted(by + 2));
-        Voxels::fixed(given.clone().unwrap_or_else(about))
+        Voxels::given(&given.clone().unwrap_or_else(about), Merge::Moments)
     };
     let plan = |name, what: &str, voxels: &dyn Fn(f32) -> Voxels| {
-        let mut steps: Vec<(Voxels, Vec<Coding>)> = Vec::new();
-        for &q in qualities {
-            match steps.last_mut() {
-                Some((last, list)) if *last == voxels(q) => list.push(Coding::Quality(q)),
-                _ => steps.push((voxels(q), vec![Coding::Quality(q)])),
-            }
-        }
-        let parameters =
-            |s: Option<&(Voxels, Vec<Coding>)>| s.map_or("", |(v, _)| &v.what).to_owned();
-        let (first, last) = (parameters(steps.first()), parameters(steps.last()));
-        let span = if first == last {
-            first
-        } else {
-            format!("{first} at the smallest size, {last} at the largest")
+        let groups = qualities.chunk_by(|a, b| voxels(*a) == voxels(*b));
+        let group = |all: &[f32]| (voxels(all[0]), all.iter().map(|&q| Coding::own(q)).collect());
+        let steps: Vec<(Voxels, Vec<Coding>)> = groups.map(group).collect();
+        let [first, last] = [steps.first(), steps.last()].map(|s| s.map_or("", |(v, _)| &v.what));
+        let span = match first == last {
+            true => first.to_owned(),
+            false => format!("{first} at the smallest size, {last} at the largest"),
         };
         CurvePlan { name, what: format!("{what}, {span}"), tuning: None, steps }
     };
@@ -162,7 +143,7 @@ pub(crate) fn curves(base: u8, options: &CurveOptions, qualities: &[f32]) -> Vec
         given.clone().unwrap_or_else(|| criteria(base)),
     ];
     for (name, tuning) in [(PAPER, None), (PAPER_TUNED, options.tuning())] {
-        let steps = strategies.iter().map(|s| (Voxels::paper(s.clone()), paper_codings()));
+        let steps = strategies.iter().map(|s| (Voxels::given(s, Merge::Paper), paper_codings()));
         let steps: Vec<_> = steps.collect();
         let [uniform, adaptive] = [&steps[0].0.what, &steps[1].0.what];
         let tuned = match tuning {
@@ -177,13 +158,13 @@ pub(crate) fn curves(base: u8, options: &CurveOptions, qualities: &[f32]) -> Vec
         curves.push(CurvePlan { name, what, tuning, steps });
     }
     if sights {
-        let seen = |sight: Sight| move |q: f32| Voxels::seen(q, sight);
-        curves.push(plan(NO_CAMERAS, "gsvx without cameras", &seen(Sight::NoCameras)));
+        let what = "gsvx without cameras";
+        curves.push(plan(NO_CAMERAS, what, &|q| Voxels::default(q, Sight::NoCameras)));
         let what = "gsvx with what the cameras hardly see";
-        curves.push(plan(ALL_KEPT, what, &seen(Sight::KeepUnseen)));
+        curves.push(plan(ALL_KEPT, what, &|q| Voxels::default(q, Sight::KeepUnseen)));
     }
     let what = "this codec: leaves by rate and distortion, precision by importance";
-    curves.push(plan(GSVX, what, &Voxels::default));
+    curves.push(plan(GSVX, what, &|q| Voxels::default(q, Sight::DropUnseen)));
     curves
 }
 
@@ -199,18 +180,11 @@ pub(crate) const TUNED: &str = "gsvx, tuned";
 
 /// How a voxelized model is coded.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Coding {
-    /// The codec's default at a quality.
-    Quality(f32),
-    /// The paper's coding.
-    Paper {
-        /// The quality under which the QPs appear in tables.
-        quality: f32,
-        /// Its QPs.
-        qp: Qp,
-        /// Whether covariances are coded without loss, or by a codebook.
-        lossless: bool,
-    },
+pub(crate) struct Coding {
+    /// The quality; of the paper's coding, that under which the QPs appear in tables.
+    pub(crate) quality: f32,
+    /// The QPs of the paper's coding, and whether covariances are coded without loss, or by a codebook.
+    pub(crate) paper: Option<(Qp, bool)>,
 }
 
 /// QP triples on the hulls of the authors' published curves, lowest rate first: AC, DC, opacity,
@@ -227,10 +201,9 @@ pub(crate) const PAPER_QPS: [(u8, u8, u8, f32); 6] = [
 /// The paper's coding of one model: all triples with the codebook, and the upper half without loss.
 pub(crate) fn paper_codings() -> Vec<Coding> {
     let coding = |lossless| {
-        move |&(ac, dc, opacity, quality): &(u8, u8, u8, f32)| Coding::Paper {
+        move |&(ac, dc, opacity, quality): &(u8, u8, u8, f32)| Coding {
             quality,
-            qp: Qp { ac, dc, opacity },
-            lossless,
+            paper: Some((Qp { ac, dc, opacity }, lossless)),
         }
     };
     let upper = PAPER_QPS[PAPER_QPS.len() / 2..].iter().map(coding(true));
@@ -238,33 +211,29 @@ pub(crate) fn paper_codings() -> Vec<Coding> {
 }
 
 impl Coding {
-    /// The quality, also of the paper's coding.
-    pub(crate) fn quality(&self) -> f32 {
-        match *self {
-            Self::Quality(quality) | Self::Paper { quality, .. } => quality,
-        }
+    /// The codec's default at a quality.
+    pub(crate) fn own(quality: f32) -> Self {
+        Self { quality, paper: None }
     }
 
     /// File-name part.
     pub(crate) fn name(&self) -> String {
-        let lossless = matches!(self, Self::Paper { lossless: true, .. });
-        format!("q{:.0}{}", self.quality(), if lossless { "-lossless" } else { "" })
+        let lossless = self.paper.is_some_and(|(_, lossless)| lossless);
+        format!("q{:.0}{}", self.quality, if lossless { "-lossless" } else { "" })
     }
 
     /// Quality or QPs in words.
     pub(crate) fn setting(&self) -> String {
-        match self {
-            Self::Quality(quality) => format!("{quality:.0}"),
-            Self::Paper { qp: Qp { ac, dc, opacity }, lossless, .. } => {
-                let covariance = if *lossless { ", lossless covariance" } else { "" };
-                format!("QP {ac}/{dc}/{opacity}{covariance}")
-            }
-        }
+        let Some((Qp { ac, dc, opacity }, lossless)) = self.paper else {
+            return format!("{:.0}", self.quality);
+        };
+        let covariance = if lossless { ", lossless covariance" } else { "" };
+        format!("QP {ac}/{dc}/{opacity}{covariance}")
     }
 
     /// Options of the paper's coding of so many Gaussians.
     pub(crate) fn paper(&self, gaussians: usize) -> Option<PaperOptions> {
-        let &Self::Paper { qp, lossless, .. } = self else { return None };
+        let (qp, lossless) = self.paper?;
         let covariance = match lossless {
             true => CovarianceCoding::Lossless,
             false => CovarianceCoding::codebook_for(gaussians),
@@ -330,8 +299,8 @@ mod tests {
         assert_eq!(names(&options), [UNIFORM, PAPER_CRITERIA, PAPER, PAPER_TUNED, GSVX]);
         let plans = curves(11, &options, &[50.0, 60.0]);
         let rules: Vec<&Rule> = plans[3].steps.iter().map(|s| &s.0.rule).collect();
-        let uniform = Rule::Paper(Strategy::Uniform { depth: 11 });
-        assert_eq!(rules, [&uniform, &Rule::Paper(Strategy::paper(8, 16))]);
+        let uniform = Rule::Given(Strategy::Uniform { depth: 11 }, Merge::Paper);
+        assert_eq!(rules, [&uniform, &Rule::Given(Strategy::paper(8, 16), Merge::Paper)]);
         assert!(plans[3].tuning.is_some_and(|t| t.steps == 400 && t.initialised));
         assert!(plans[2].tuning.is_none() && plans[4].tuning.is_none());
         options.finetune = Some(0);
@@ -344,12 +313,13 @@ mod tests {
         let q = options.qualities().unwrap();
         for plan in curves(11, &options, &q).iter().filter(|p| !p.name.starts_with("paper,")) {
             let all = plan.steps.iter().flat_map(|(_, codings)| codings);
-            assert!(all.map(Coding::quality).eq(q.iter().copied()), "{}", plan.name);
+            assert!(all.map(|c| c.quality).eq(q.iter().copied()), "{}", plan.name);
         }
         (options.depth, options.adaptive) = (Some(12), Some(Strategy::paper(9, 14)));
         let fixed = curves(11, &options, &q);
         assert_eq!((fixed[0].steps.len(), fixed[1].steps.len()), (1, 1));
-        assert_eq!(fixed[0].steps[0].0.rule, Rule::Fixed(Strategy::Uniform { depth: 12 }));
+        let uniform = Rule::Given(Strategy::Uniform { depth: 12 }, Merge::Moments);
+        assert_eq!(fixed[0].steps[0].0.rule, uniform);
     }
 
     #[test]

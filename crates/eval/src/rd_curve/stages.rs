@@ -67,8 +67,7 @@ impl<'a> Branch<'a> {
 
     fn prepared(&self, scene: &Scene, importance: Option<Vec<f32>>) -> Result<Prepared> {
         match &self.plan.rule {
-            Rule::Fixed(strategy) => voxelized(scene, strategy, Merge::Moments, importance),
-            Rule::Paper(strategy) => voxelized(scene, strategy, Merge::Paper, importance),
+            Rule::Given(strategy, merge) => voxelized(scene, strategy, *merge, importance),
             &Rule::Default(quality, sight) => {
                 let importance = importance.as_deref().filter(|_| sight != Sight::NoCameras);
                 // The views measured are of the same capture as the cameras.
@@ -109,7 +108,7 @@ impl<'a> Branch<'a> {
             Encoded::timed(|| match coding.paper(scene.len()) {
                 None => {
                     let (steps, options) =
-                        (Steps::of_quality(coding.quality())?, CodeOptions::default());
+                        (Steps::of_quality(coding.quality)?, CodeOptions::default());
                     let (octree, given) = (voxels.octree(), Some(&importance[..]));
                     let encoded =
                         gsvx::encode_voxels(scene, octree, None, given, &steps, &options)?;
@@ -124,19 +123,19 @@ impl<'a> Branch<'a> {
             })
         };
         let decode = |bytes: &[u8]| {
-            let decoded = match coding {
-                Coding::Quality(_) => gsvx::decode(bytes)?,
-                Coding::Paper { .. } => paper::decode(bytes)?,
+            let decoded = match coding.paper {
+                None => gsvx::decode(bytes)?,
+                Some(_) => paper::decode(bytes)?,
             };
             let same = decoded.means == self.model()?.prepared.scene.means;
             ensure!(same, "decoded means are not the voxelized ones");
             Ok(decoded)
         };
-        let extension = if matches!(coding, Coding::Paper { .. }) { "paper" } else { "gsvx" };
+        let extension = if coding.paper.is_some() { "paper" } else { "gsvx" };
         let study = self.study;
         let record = study.point(&study.cache, &name, extension, &settings, encode, decode)?;
-        let (setting, quality, voxels) = (coding.setting(), coding.quality(), self.name());
-        Ok(Record { setting, quality, voxels, ..record })
+        let (setting, voxels) = (coding.setting(), self.name());
+        Ok(Record { setting, quality: coding.quality, voxels, ..record })
     }
 }
 
@@ -144,8 +143,7 @@ impl<'a> Branch<'a> {
 pub(crate) fn curve(study: &Study, plan: CurvePlan) -> Result<Curve> {
     let mut curve = Curve { name: plan.name.into(), what: plan.what, ..Curve::default() };
     // Several models may be coded at one quality.
-    let is_paper = |coding: &Coding| matches!(coding, Coding::Paper { .. });
-    let several = plan.steps.iter().flat_map(|s| &s.1).any(is_paper);
+    let several = plan.steps.iter().flat_map(|s| &s.1).any(|coding| coding.paper.is_some());
     for (voxels, codings) in &plan.steps {
         let branch = Branch::new(study, voxels, plan.tuning);
         curve.voxelized.push(branch.voxelized()?);

@@ -31,18 +31,19 @@ pub(super) fn draw(run: &Run, study: &Study) -> Result<Vec<CropView>> {
     let views = held_out.map(|(v, held_out)| {
         let draw = |scene: &Scene| render(scene, &held_out.camera, &RenderOptions::default());
         let db = |s: &Score| s.views.get(v).map_or(f64::NAN, |x| x.psnr_db);
+        let shown = |image, label: &str, caption| Shown { image, label: label.into(), caption };
         let says = "The photo, held out from training.".to_owned();
-        let photo = Shown::new(held_out.photo.image(), "photo", says);
-        let mb = run.original.megabytes();
-        let says = format!("original model, {mb} MB, {:.2} dB", db(&run.original.score));
-        let original = Shown::new(draw(&study.test.model), "original", says);
-        let shown = decoded.iter().map(|(point, scene)| {
-            let (mb, quality) = (point.megabytes(), point.quality);
-            let (name, db) = (&curve.name, db(&point.score));
-            let says = format!("{mb} MB ({name}, quality {quality:.0}), {db:.2} dB");
-            Shown::new(draw(scene), &format!("{mb} MB"), says)
+        let photo = shown(held_out.photo.image(), "photo", says);
+        let original = &run.original;
+        let says =
+            format!("original model, {} MB, {:.2} dB", original.megabytes(), db(&original.score));
+        let original = shown(draw(&study.test.model), "original", says);
+        let decoded = decoded.iter().map(|(point, scene)| {
+            let (mb, quality, db) = (point.megabytes(), point.quality, db(&point.score));
+            let says = format!("{mb} MB ({}, quality {quality:.0}), {db:.2} dB", curve.name);
+            shown(draw(scene), &format!("{mb} MB"), says)
         });
-        let crops = report::crops(photo, original, shown.collect())?;
+        let crops = report::crops(photo, original, decoded.collect())?;
         Ok(CropView { name: held_out.camera.name.clone(), crops })
     });
     views.collect()

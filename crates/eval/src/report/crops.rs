@@ -4,6 +4,7 @@ use std::io::Cursor;
 
 use anyhow::{Context, Result};
 use finetune::Image;
+use image::imageops::crop_imm;
 use image::{ImageFormat, RgbImage};
 
 /// Largest crop, pixels.
@@ -31,12 +32,6 @@ pub(crate) struct Shown {
     pub(crate) caption: String,
 }
 
-impl Shown {
-    pub(crate) fn new(image: Image, label: &str, caption: String) -> Self {
-        Self { image, label: label.to_owned(), caption }
-    }
-}
-
 /// One picture of a page.
 #[derive(Clone, Debug)]
 pub(crate) struct Crop {
@@ -44,8 +39,6 @@ pub(crate) struct Crop {
     pub(crate) caption: String,
     /// Shown first.
     pub(crate) shown: bool,
-    /// Width and height, pixels.
-    pub(crate) size: (u32, u32),
     /// PNG file.
     pub(crate) png: Vec<u8>,
 }
@@ -55,21 +48,19 @@ pub(crate) struct Crop {
 pub(crate) fn crops(photo: Shown, original: Shown, decoded: Vec<Shown>) -> Result<Vec<Crop>> {
     let Some(worst) = decoded.first() else { return Ok(Vec::new()) };
     let window = window(&original.image, &worst.image);
-    let difference = |of: &Shown| {
-        let caption = format!(
+    let difference = |of: &Shown| Shown {
+        image: difference(&original.image, &of.image),
+        label: format!("difference, {}", of.label),
+        caption: format!(
             "Difference of {} from the original model's render, {AMPLIFY:.0} times as strong.",
             of.label
-        );
-        let image = difference(&original.image, &of.image);
-        Shown::new(image, &format!("difference, {}", of.label), caption)
+        ),
     };
     let differences: Vec<Shown> = decoded.iter().map(difference).collect();
     let first = 2 + decoded.len() / 2;
     let all = [photo, original].into_iter().chain(decoded).chain(differences);
     let crop = |(i, Shown { image, label, caption }): (usize, Shown)| {
-        let part = cut(&image, window);
-        let (size, png) = ((part.width, part.height), png(&part)?);
-        Ok(Crop { label, caption, shown: i == first, size, png })
+        Ok(Crop { label, caption, shown: i == first, png: png(&image, window)? })
     };
     all.enumerate().map(crop).collect()
 }
@@ -108,21 +99,14 @@ fn window(a: &Image, b: &Image) -> Window {
     (best.0, best.1, cw, ch)
 }
 
-fn cut(image: &Image, (x, y, w, h): Window) -> Image {
-    let mut out = Image::new(w as u32, h as u32);
-    let width = image.width as usize;
-    for (row, line) in out.rgb.chunks_exact_mut(3 * w.max(1)).enumerate() {
-        let at = 3 * ((y + row) * width + x);
-        line.copy_from_slice(&image.rgb[at..at + 3 * w]);
-    }
-    out
-}
-
-/// An image as the bytes of an 8-bit PNG file.
-fn png(image: &Image) -> Result<Vec<u8>> {
+/// A window of an image as the bytes of an 8-bit PNG file.
+fn png(image: &Image, window: Window) -> Result<Vec<u8>> {
     let rgb = RgbImage::from_raw(image.width, image.height, image.to_rgb8());
+    let (x, y, w, h) = window;
+    let [x, y, w, h] = [x, y, w, h].map(|v| v as u32);
     let mut out = Cursor::new(Vec::new());
-    rgb.context("the size of an image")?.write_to(&mut out, ImageFormat::Png)?;
+    let part = crop_imm(&rgb.context("the size of an image")?, x, y, w, h).to_image();
+    part.write_to(&mut out, ImageFormat::Png)?;
     Ok(out.into_inner())
 }
 
@@ -152,7 +136,7 @@ mod tests {
         assert!(
             (x..x + w).contains(&700) && x + w >= 720 && (y..y + h).contains(&400) && y + h >= 420
         );
-        let seen = difference(&cut(&plain, (x, y, w, h)), &cut(&spoilt, (x, y, w, h)));
+        let seen = difference(&plain, &spoilt);
         let bright = seen.rgb.iter().filter(|v| (**v - 0.8).abs() < 1e-5).count();
         assert_eq!(bright, 400);
     }
@@ -160,12 +144,13 @@ mod tests {
     #[test]
     fn a_view_has_photo_original_decoded_and_differences() {
         let image = Image::new(40, 30);
-        let shown = |name: &str| Shown::new(image.clone(), name, String::new());
+        let shown =
+            |name: &str| Shown { image: image.clone(), label: name.into(), caption: String::new() };
         let decoded = vec![shown("a"), shown("b")];
         let all = crops(shown("photo"), shown("original"), decoded).unwrap();
         let labels: Vec<&str> = all.iter().map(|c| c.label.as_str()).collect();
         assert_eq!(labels, ["photo", "original", "a", "b", "difference, a", "difference, b"]);
         assert_eq!(all.iter().filter(|c| c.shown).count(), 1);
-        assert_eq!(all[0].size, (40, 30));
+        assert_eq!(image::load_from_memory(&all[0].png).unwrap().width(), 40);
     }
 }

@@ -138,10 +138,8 @@ fn render_view(out: &mut String, view: &CropView, id: &str) -> Result<()> {
     for crop in &view.crops {
         let _ = writeln!(
             out,
-            "<figure><img alt=\"{}\" width=\"{}\" height=\"{}\" src=\"data:image/png;base64,{}\"><figcaption>{}</figcaption></figure>",
+            "<figure><img alt=\"{}\" src=\"data:image/png;base64,{}\"><figcaption>{}</figcaption></figure>",
             escape(&crop.label),
-            crop.size.0,
-            crop.size.1,
             STANDARD.encode(&crop.png),
             escape(&crop.caption)
         );

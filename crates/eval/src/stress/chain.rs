@@ -9,9 +9,9 @@ use gsvx::covariance;
 use gsvx::{CodeOptions, DEFAULT_QUALITY, EncodeOptions, Leaves, Prepared, Steps, importance};
 use voxel::Voxelization;
 
-use super::gaussians::{of_degree, rows};
+use super::levels::{self, of_degree, rows};
 use super::outcome::{ChainOutcome, by};
-use super::{levels, paper_codec};
+use super::paper_codec;
 use crate::attributes::{colour_planes, log_alpha};
 
 /// Settings of voxelization and encoder, and the paper's codec.
@@ -60,7 +60,7 @@ fn options_of(mode: &str) -> (f32, EncodeOptions) {
 }
 
 /// What a stream was made from, and the stream.
-struct Coded {
+struct Stream {
     /// One Gaussian per leaf, as the encoder merges them.
     prepared: Prepared,
     /// The Gaussians that were voxelized, and those that are coded exactly.
@@ -81,16 +81,12 @@ pub(crate) fn run(scene: &Scene, mode: &str) -> Result<ChainOutcome> {
     }
     let scene = match through_a_file(scene) {
         Ok(scene) => scene,
-        Err(refused) => return Ok(ChainOutcome::Refused(refused)),
+        Err(refused) => return Ok(Err(refused)),
     };
     match mode {
-        "W2 barycenters" => return paper_codec::barycenters(&scene),
-        _ if mode.starts_with("paper's codec") => return paper_codec::run(&scene, mode),
-        _ => {}
-    }
-    match coded(&scene, mode) {
-        Ok(coded) => checked(&coded),
-        Err(refused) => Ok(ChainOutcome::Refused(refused)),
+        "W2 barycenters" => paper_codec::barycenters(&scene),
+        _ if mode.starts_with("paper's codec") => paper_codec::run(&scene, mode),
+        _ => encoded(&scene, mode).map_or_else(|refused| Ok(Err(refused)), |stream| check(&stream)),
     }
 }
 
@@ -102,7 +98,7 @@ fn through_a_file(scene: &Scene) -> Result<Scene, String> {
 }
 
 /// The scene through voxelization and encoder; or which part refused, and its message.
-fn coded(scene: &Scene, mode: &str) -> Result<Coded, String> {
+fn encoded(scene: &Scene, mode: &str) -> Result<Stream, String> {
     let (quality, EncodeOptions { prepare, code: options }) = options_of(mode);
     let steps = Steps::of_quality(quality).map_err(by("options"))?;
     let mut prepared = gsvx::prepare(scene, None, quality, &prepare).map_err(by("voxelize"))?;
@@ -114,12 +110,12 @@ fn coded(scene: &Scene, mode: &str) -> Result<Coded, String> {
     let rows = encoded.rows;
     let inside: Vec<usize> = (0..scene.len()).filter(|&i| rows[i] < leaves).collect();
     let (inside, bytes) = (scene.select(&inside), encoded.bytes);
-    Ok(Coded { prepared, inside, outliers, bytes, steps, options })
+    Ok(Stream { prepared, inside, outliers, bytes, steps, options })
 }
 
 /// Decodes a stream and compares with what it was made from.
-fn checked(coded: &Coded) -> Result<ChainOutcome> {
-    let Coded { prepared, inside, outliers, bytes, steps, options } = coded;
+fn check(stream: &Stream) -> Result<ChainOutcome> {
+    let Stream { prepared, inside, outliers, bytes, steps, options } = stream;
     let decoded = gsvx::decode(bytes)?;
     decoded.validate().map_err(|e| anyhow!("the decoder returned {e}"))?;
     let mut file = Vec::new();
@@ -147,7 +143,7 @@ fn checked(coded: &Coded) -> Result<ChainOutcome> {
     }
     let mut worst = attributes(&classes, prepared, &leaves, steps, options)?;
     worst.insert(0, ("mean", displacement(inside, voxels)));
-    Ok(ChainOutcome::Accepted(worst))
+    Ok(Ok(worst))
 }
 
 /// For each attribute, its worst error over its bound.
@@ -190,7 +186,7 @@ fn lossless(scene: &Scene, in_order: bool) -> Result<ChainOutcome> {
         got.sort_unstable();
     }
     ensure!(want == got, "a float came back with other bits");
-    Ok(ChainOutcome::Accepted(vec![("every float", 0.0)]))
+    Ok(Ok(vec![("every float", 0.0)]))
 }
 
 /// Distance of each input mean from its leaf's centre, per axis, over half the leaf's side.

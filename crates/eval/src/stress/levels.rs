@@ -6,8 +6,6 @@ use gs_model::Scene;
 use gsvx::{DecodeOptions, Kind};
 use voxel::Voxelization;
 
-use super::gaussians::{of_degree, rows};
-
 /// Decodes every level of a stream that was made of `voxels` and `outliers`.
 ///
 /// # Errors
@@ -63,4 +61,23 @@ fn are_cells(voxels: &Voxelization, means: &[[f32; 3]]) -> bool {
         rest = &rest[held..];
         true
     }) && rest.is_empty()
+}
+
+/// The scene at another SH degree: coefficients are cut, or zeros are added.
+pub(super) fn of_degree(scene: &Scene, sh_degree: u8) -> Scene {
+    let mut out = Scene { sh_degree, ..Scene::default() };
+    out.append(scene);
+    out
+}
+
+/// The bits of every Gaussian.
+pub(super) fn rows(s: &Scene) -> Vec<Vec<u32>> {
+    (0..s.len())
+        .map(|i| {
+            let sh = s.sh_of(i).as_flattened();
+            let other =
+                [&s.means[i][..], &s.rotations[i], &s.log_scales[i], &s.opacity_logits[i..=i]];
+            other.concat().iter().chain(sh).map(|v| v.to_bits()).collect()
+        })
+        .collect()
 }

@@ -2,7 +2,6 @@
 //! docs/accuracy.md.
 
 mod chain;
-mod gaussians;
 mod inputs;
 mod levels;
 mod outcome;
@@ -40,34 +39,25 @@ struct Run {
 impl Run {
     /// The part that refused the input.
     fn refused(&self) -> Option<&str> {
-        match &self.outcome {
-            ChainOutcome::Refused(message) => message.split(':').next(),
-            ChainOutcome::Accepted(_) => None,
-        }
+        self.outcome.as_ref().err().and_then(|message| message.split(':').next())
     }
 
     /// The worst error over its bound of each attribute.
     fn worst(&self) -> &[(&'static str, f64)] {
-        match &self.outcome {
-            ChainOutcome::Refused(_) => &[],
-            ChainOutcome::Accepted(worst) => worst,
-        }
+        self.outcome.as_deref().unwrap_or_default()
     }
 }
 
 /// Runs an input in a mode; the promise that is broken is the error.
 fn checked(input: &Input, mode: &'static str, size: usize) -> Result<Run, String> {
     let outcome = catch_unwind(AssertUnwindSafe(|| chain::run(&input.scene(size), mode)));
-    let outcome = match outcome {
-        Err(_) => return Err(format!("{}, {mode}: a panic", input.name)),
-        Ok(Err(why)) => return Err(format!("{}, {mode}: {why:#}", input.name)),
-        Ok(Ok(outcome)) => outcome,
-    };
+    let broken = |why: String| format!("{}, {mode}: {why}", input.name);
+    let outcome = outcome.map_err(|_| broken("a panic".into()))?;
+    let outcome = outcome.map_err(|why| broken(format!("{why:#}")))?;
     let run = Run { input: input.name, mode, outcome };
     // NaN is no ratio either.
-    let broken = run.worst().iter().find(|w| w.1.is_nan() || w.1 > 1.0);
-    match broken {
-        Some((what, ratio)) => Err(format!("{}, {mode}: {what} {ratio}", input.name)),
+    match run.worst().iter().find(|w| w.1.is_nan() || w.1 > 1.0) {
+        Some((what, ratio)) => Err(broken(format!("{what} {ratio}"))),
         None => Ok(run),
     }
 }

@@ -3,7 +3,8 @@
 use anyhow::{Result, anyhow, ensure};
 use gpcc_lite::rlgr;
 use gs_model::Scene;
-use gs_model::math::{Matrix, Symmetric, axes_product, eigen_of, rotation};
+use gs_model::math::{Symmetric, axes_product, eigen_of, rotation};
+use nalgebra::Matrix3;
 use paper::{CovarianceCoding, PaperOptions, Qp, Strategy};
 use voxel::w2::{Barycenter, Gaussian, barycenter};
 
@@ -38,7 +39,7 @@ pub(super) fn run(scene: &Scene, mode: &str) -> Result<ChainOutcome> {
     };
     let (stream, of) = match coded() {
         Ok(coded) => coded,
-        Err(refused) => return Ok(ChainOutcome::Refused(refused)),
+        Err(refused) => return Ok(Err(refused)),
     };
     let back = paper::decode(&stream.bytes)?;
     back.validate().map_err(|e| anyhow!("the paper's decoder returned {e}"))?;
@@ -53,7 +54,7 @@ pub(super) fn run(scene: &Scene, mode: &str) -> Result<ChainOutcome> {
     let covariances =
         if lossless { integers(&of.scene, &back) } else { codewords(&of.scene, &back, path) };
     worst.push(("covariance of the paper's codec", covariances));
-    Ok(ChainOutcome::Accepted(worst))
+    Ok(Ok(worst))
 }
 
 /// The worst error over its bound, and the root mean square over its bound, of values coded by RAHT in a step.
@@ -140,7 +141,7 @@ fn codewords(was: &Scene, is: &Scene, path: f64) -> f64 {
 pub(super) fn barycenters(scene: &Scene) -> Result<ChainOutcome> {
     let of = match paper::voxelize(scene, &Strategy::Uniform { depth: 4 }) {
         Ok(of) => of,
-        Err(refused) => return Ok(ChainOutcome::Refused(by("voxelize")(refused))),
+        Err(refused) => return Ok(Err(by("voxelize")(refused))),
     };
     let mut worst = 0.0f64;
     for leaf in 0..of.voxels.len() {
@@ -155,41 +156,25 @@ pub(super) fn barycenters(scene: &Scene) -> Result<ChainOutcome> {
             });
             worst = worst.max((found.mean[k] - mean).abs() / (1e-12 * most + 1e-300));
         }
-        let s = symmetric(|i, j| found.covariance[(i, j)]);
-        let size = s.iter().fold(0.0f64, |most, v| most.max(v.abs()));
+        let s = found.covariance;
+        let size = s.amax();
         if size == 0.0 || !size.is_finite() {
             ensure!(all.iter().all(|g| g.covariance.amax() == 0.0), "a barycenter of no size");
             continue;
         }
-        let half = rows(&root(&s.map(|v| v / size)));
-        let mut sum = [0.0; 6];
-        for g in &all {
-            let inner = rows(&symmetric(|i, j| g.covariance[(i, j)] / size));
-            let product = times(&times(&half, &inner), &half);
-            let cross = root(&symmetric(|i, j| 0.5 * (product[i][j] + product[j][i])));
-            (0..6).for_each(|k| sum[k] += cross[k] / n);
-        }
-        let off = (0..6).map(|k| (sum[k] - s[k] / size).abs()).fold(0.0, f64::max);
-        worst = worst.max(off / residual.max(FIXED_POINT));
+        let half = root(&(s / size));
+        let crossed = |g: &Gaussian| root(&(half * (g.covariance / size) * half)) / n;
+        let sum: Matrix3<f64> = all.iter().map(crossed).sum();
+        worst = worst.max((sum - s / size).amax() / residual.max(FIXED_POINT));
     }
-    Ok(ChainOutcome::Accepted(vec![("W2 barycenter", worst)]))
-}
-
-/// xx, yy, zz, xy, xz, yz of a symmetric matrix.
-fn symmetric(at: impl Fn(usize, usize) -> f64) -> Symmetric {
-    [at(0, 0), at(1, 1), at(2, 2), at(0, 1), at(0, 2), at(1, 2)]
-}
-
-fn rows([xx, yy, zz, xy, xz, yz]: &Symmetric) -> Matrix {
-    [[*xx, *xy, *xz], [*xy, *yy, *yz], [*xz, *yz, *zz]]
-}
-
-fn times(a: &Matrix, b: &Matrix) -> Matrix {
-    std::array::from_fn(|i| std::array::from_fn(|j| (0..3).map(|k| a[i][k] * b[k][j]).sum()))
+    Ok(Ok(vec![("W2 barycenter", worst)]))
 }
 
 /// The square root of a positive semi-definite matrix.
-fn root(m: &Symmetric) -> Symmetric {
-    let (variances, axes) = eigen_of(m);
-    axes_product(&axes, variances.map(|v| v.max(0.0).sqrt()))
+fn root(m: &Matrix3<f64>) -> Matrix3<f64> {
+    let mean = |i, j| 0.5 * (m[(i, j)] + m[(j, i)]);
+    let upper = [m[(0, 0)], m[(1, 1)], m[(2, 2)], mean(0, 1), mean(0, 2), mean(1, 2)];
+    let (variances, axes) = eigen_of(&upper);
+    let [xx, yy, zz, xy, xz, yz] = axes_product(&axes, variances.map(|v| v.max(0.0).sqrt()));
+    Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz)
 }
