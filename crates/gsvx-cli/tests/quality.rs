@@ -83,51 +83,35 @@ fn pictures_that_show_nothing_give_no_figure() {
 }
 
 #[test]
-fn two_parts_far_apart_have_a_warning() {
+fn what_an_octree_cannot_tell_apart_has_a_warning() {
     let dir = Folder::new();
     let (model, stream) = (dir.join("pair.ply"), dir.join("a.gsvx"));
-    let (one, _) = gs_model::ply::read(room().join("point_cloud.ply")).unwrap();
-    for (distance, warned) in [(1e3, false), (1e5, true)] {
+    let room = gs_model::ply::read(room().join("point_cloud.ply")).unwrap().0;
+    let ball = testing::trained_like(1000, 0, &mut testing::Rng::seeded(5));
+    let few = common::scene();
+    let (apart, far) = ("parts of the scene lie so far apart", "Gaussians lie so far");
+    let exact = "1000 of the stream's 2000 Gaussians lie so far from the others";
+    let (double, together) =
+        ("800 Gaussians share their position with another", "share their position");
+    // A model twice, so far apart: what is said, and what is not.
+    for (one, distance, flags, warned, silent) in [
+        (&room, 1e3, " --no-estimate", "", apart),
+        (&room, 1e5, " --no-estimate", apart, far),
+        (&ball, 1e7, "", exact, together),
+        (&few, 0.0, "", double, apart),
+        (&few, 0.0, " --max-error 0.01", "", together),
+    ] {
         let mut both = one.clone();
-        both.append(&one);
+        both.append(one);
         both.means[one.len()..].iter_mut().for_each(|p| p[0] += distance);
         gs_model::ply::write(&model, &both).unwrap();
-        let (_, error) = report("encode --force --no-estimate -o", &[&stream, &model]);
-        assert_eq!(
-            error.contains("parts of the scene lie so far apart"),
-            warned,
-            "{distance}: {error}"
-        );
+        let (said, error) = report(&format!("encode --force{flags} -o"), &[&stream, &model]);
+        assert!(error.contains(warned) && !error.contains(silent), "{distance}: {error}");
+        if warned == exact {
+            assert_eq!(said["outliers"], 1000);
+            assert!(error.contains("% of the bytes; encode each part apart"), "{error}");
+        }
     }
-}
-
-#[test]
-fn half_of_a_model_coded_exactly_has_a_warning() {
-    let dir = Folder::new();
-    let (model, stream) = (dir.join("pair.ply"), dir.join("a.gsvx"));
-    let one = testing::trained_like(1000, 0, &mut testing::Rng::seeded(5));
-    let mut both = one.clone();
-    both.append(&one);
-    both.means[one.len()..].iter_mut().for_each(|p| p[0] += 1e7);
-    gs_model::ply::write(&model, &both).unwrap();
-    let (said, error) = report("encode --force -o", &[&stream, &model]);
-    assert_eq!(said["outliers"], 1000);
-    assert!(error.contains("1000 of the stream's 2000 Gaussians lie so far"), "{error}");
-    assert!(error.contains("% of the bytes; encode each part apart"), "{error}");
-}
-
-#[test]
-fn positions_that_coincide_have_a_warning() {
-    let dir = Folder::new();
-    let (model, stream) = (dir.join("double.ply"), dir.join("a.gsvx"));
-    let mut double = common::scene();
-    double.append(&double.clone());
-    gs_model::ply::write(&model, &double).unwrap();
-    let words = "encode --force -o";
-    let (_, error) = report(words, &[&stream, &model]);
-    assert!(error.contains("800 Gaussians share their position with another"), "{error}");
-    let (_, error) = report("encode --force --max-error 0.01 -o", &[&stream, &model]);
-    assert!(!error.contains("share their position"), "{error}");
 }
 
 #[test]

@@ -35,12 +35,12 @@ pub(crate) enum Rule {
     /// As given.
     Given(Strategy, Merge),
     /// The codec's default at a quality: rate-distortion pruning.
-    Default(f32, Sight),
+    Default(f32, CameraUse),
 }
 
 /// What the codec's default knows of the cameras.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Sight {
+pub(crate) enum CameraUse {
     /// What they hardly see is left out.
     DropUnseen,
     /// They weigh each Gaussian.
@@ -68,12 +68,12 @@ impl Voxels {
     }
 
     /// The codec's default at a quality.
-    pub(crate) fn default(quality: f32, sight: Sight) -> Self {
-        let name = match sight {
-            Sight::DropUnseen => format!("gsvx-q{quality:.0}"),
+    pub(crate) fn default(quality: f32, cameras: CameraUse) -> Self {
+        let name = match cameras {
+            CameraUse::DropUnseen => format!("gsvx-q{quality:.0}"),
             other => slug(&format!("gsvx-{other:?}-q{quality:.0}")),
         };
-        Self { name, what: format!("quality {quality:.0}"), rule: Rule::Default(quality, sight) }
+        Self { name, what: format!("quality {quality:.0}"), rule: Rule::Default(quality, cameras) }
     }
 }
 
@@ -159,12 +159,12 @@ pub(crate) fn curves(base: u8, options: &CurveOptions, qualities: &[f32]) -> Vec
     }
     if sights {
         let what = "gsvx without cameras";
-        curves.push(plan(NO_CAMERAS, what, &|q| Voxels::default(q, Sight::NoCameras)));
+        curves.push(plan(NO_CAMERAS, what, &|q| Voxels::default(q, CameraUse::NoCameras)));
         let what = "gsvx with what the cameras hardly see";
-        curves.push(plan(ALL_KEPT, what, &|q| Voxels::default(q, Sight::KeepUnseen)));
+        curves.push(plan(ALL_KEPT, what, &|q| Voxels::default(q, CameraUse::KeepUnseen)));
     }
     let what = "this codec: leaves by rate and distortion, precision by importance";
-    curves.push(plan(GSVX, what, &|q| Voxels::default(q, Sight::DropUnseen)));
+    curves.push(plan(GSVX, what, &|q| Voxels::default(q, CameraUse::DropUnseen)));
     curves
 }
 

@@ -10,7 +10,7 @@ use voxel::{Importance, Merge, Strategy};
 
 use super::fine_tune::fine_tuned;
 use super::options::Tuning;
-use super::plan::{Coding, CurvePlan, Rule, Sight, Voxels};
+use super::plan::{CameraUse, Coding, CurvePlan, Rule, Voxels};
 use crate::measure;
 use crate::process::timed;
 use crate::record::{Curve, Record, VoxelizedRecord};
@@ -68,10 +68,10 @@ impl<'a> Branch<'a> {
     fn prepared(&self, scene: &Scene, importance: Option<Vec<f32>>) -> Result<Prepared> {
         match &self.plan.rule {
             Rule::Given(strategy, merge) => voxelized(scene, strategy, *merge, importance),
-            &Rule::Default(quality, sight) => {
-                let importance = importance.as_deref().filter(|_| sight != Sight::NoCameras);
+            &Rule::Default(quality, cameras) => {
+                let importance = importance.as_deref().filter(|_| cameras != CameraUse::NoCameras);
                 // The views measured are of the same capture as the cameras.
-                let drop_unseen = sight == Sight::DropUnseen;
+                let drop_unseen = cameras == CameraUse::DropUnseen;
                 let options = PrepareOptions { drop_unseen, ..PrepareOptions::default() };
                 Ok(gsvx::prepare(scene, importance, quality, &options)?)
             }

@@ -101,10 +101,10 @@ impl PlanCameras {
 impl CameraFile {
     /// The cameras, as they were when the plan was made.
     pub(crate) fn open(&self) -> Result<PlanCameras> {
-        let sight = PlanCameras::read(&self.path)?;
-        if sight.file() != *self {
+        let cameras = PlanCameras::read(&self.path)?;
+        if cameras.file() != *self {
             return Err(changed(&self.path));
         }
-        Ok(sight)
+        Ok(cameras)
     }
 }

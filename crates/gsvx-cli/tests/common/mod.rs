@@ -128,13 +128,18 @@ pub(crate) fn interrupted(line: &str, paths: &[&Path], ready: impl Fn() -> bool)
     child.wait_with_output().unwrap()
 }
 
-/// Exit code 1 and exactly one line, which holds `needle`. A busy machine may show progress before it.
+/// The lines of [`heard`] without progress, which a busy machine may show.
+pub(crate) fn lines(out: &Output) -> Vec<String> {
+    let heard = heard(out);
+    heard.lines().filter(|line| !line.ends_with("s so far")).map(ToOwned::to_owned).collect()
+}
+
+/// Exit code 1 and exactly one line, which holds `needle`.
 #[track_caller]
 pub(crate) fn one_line(out: &Output, needle: &str) {
     let error = heard(out);
     assert_eq!(out.status.code(), Some(1), "{error}");
-    let lines = error.lines().filter(|line| !line.ends_with("s so far"));
-    assert_eq!(lines.count(), 1, "{error}");
+    assert_eq!(lines(out).len(), 1, "{error}");
     assert!(error.contains(needle), "{needle:?} is not in {error:?}");
 }
 
