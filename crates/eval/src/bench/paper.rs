@@ -14,7 +14,7 @@ use crate::process::timed;
 use crate::rd_curve::one_tune;
 use crate::rd_curve::options::{CurveOptions, TUNED_QUALITIES, Tuning};
 use crate::rd_curve::plan::{
-    self, Coding, CurvePlan, GSVX, PAPER_QPS, Sight, Voxels, criteria, paper_codings,
+    self, CameraUse, Coding, CurvePlan, GSVX, PAPER_QPS, Voxels, criteria, paper_codings,
 };
 use crate::rd_curve::stages::{self, Branch};
 use crate::record::{Curve, Record};
@@ -109,7 +109,7 @@ fn part(name: &str, options: &PaperOptions) -> Result<ScenePart> {
         curve(name, vec![(Voxels::given(strategy, Merge::Moments), codings)], None)
     };
     let own = TUNED_QUALITIES
-        .map(|q| (Voxels::default(q, Sight::DropUnseen), vec![Coding::own(q)]))
+        .map(|q| (Voxels::default(q, CameraUse::DropUnseen), vec![Coding::own(q)]))
         .into();
     let nothing = Tuning { steps: steps * 30 / 8, initialised: false, ..tuning };
     let blank = Voxels::given(uniform, Merge::Paper);
