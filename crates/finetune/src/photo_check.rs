@@ -96,6 +96,12 @@ impl PhotoCheck {
         self.unlike_own > UNLIKE && (2 * self.misplaced > self.views || no_better)
     }
 
+    /// Whether the photos show the model: then the cameras are its own.
+    #[must_use]
+    pub fn proves_cameras(&self) -> bool {
+        self.unlike_own <= UNLIKE
+    }
+
     /// Whether the photos are exposed differently from the model.
     #[must_use]
     pub fn of_other_exposure(&self) -> bool {

@@ -60,12 +60,14 @@ fn photos_of_other_views_and_of_another_exposure_are_detected() {
     let good = views(&scene, cameras(7));
     let check = |views: &[TrainView]| PhotoCheck::of(&scene, views).unwrap();
     let found = check(&good);
-    assert!(!found.of_other_views() && !found.of_other_exposure(), "{found:?}");
+    assert!(found.proves_cameras() && !found.of_other_views(), "{found:?}");
+    assert!(!found.of_other_exposure(), "{found:?}");
     // Photos have 8 bits.
     assert!(found.views == 7 && found.psnr > 58.0 && found.unlike_own < 1e-3, "{found:?}");
     let mut turned = good.clone();
     (0..7).for_each(|i| turned[i].photo = good[(i + 3) % 7].photo.clone());
     assert!(check(&turned).of_other_views(), "{:?}", check(&turned));
+    assert!(!check(&turned).proves_cameras());
     let mut dark = good.clone();
     dark.iter_mut().for_each(|v| v.photo.rgb.iter_mut().for_each(|v| *v = *v / 2 + 20));
     assert!(

@@ -35,7 +35,7 @@ pub(crate) fn doubt_cameras(
     drop_unseen: bool,
 ) -> Result<bool> {
     match tune::check_photos(scene, views) {
-        Ok(()) => Ok(false),
+        Ok(_) => Ok(false),
         Err(error) if drop_unseen => Err(refused(path, &error)),
         Err(error) => {
             views::warn(path, &CameraDoubt::Photos(error));

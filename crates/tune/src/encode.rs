@@ -134,9 +134,9 @@ impl fmt::Display for CameraDoubt {
 /// 1. What no rasterizer draws is left out, unless it is to be kept.
 /// 2. If the photos show the model at their cameras, what the cameras see becomes importance.
 /// 3. The stream of the aim is made; for a PSNR or SSIMULACRA2, streams are compared with renders of the model.
-/// 4. If it shows well to the cameras and badly to views that do not depend on them, these are not the model's own, and
-///    importances from them would destroy it. It is encoded once more without them, unless what they do not see is to
-///    be dropped.
+/// 4. If no photos prove the cameras, and the stream shows well to them and badly to views that do not depend on them,
+///    these are not the model's own, and importances from them would destroy it. It is encoded once more without them,
+///    unless what they do not see is to be dropped.
 ///
 /// `progress` ends the work where it breaks.
 ///
@@ -152,12 +152,14 @@ pub fn encode(
     let drop_unseen = options.prepare.drop_unseen;
     let drawn = leave_out_transparent(&mut scene, recipe)?;
     let mut doubts = Vec::new();
-    if let Err(error) = check_photos(&scene, photos) {
-        if drop_unseen {
-            return Err(error);
+    let proven = match check_photos(&scene, photos) {
+        Err(error) if drop_unseen => return Err(error),
+        Err(error) => {
+            doubts.push(CameraDoubt::Photos(error));
+            false
         }
-        doubts.push(CameraDoubt::Photos(error));
-    }
+        Ok(proven) => proven,
+    };
     let mut tell = |event: EncodeEvent<'_>| match progress(event) {
         ControlFlow::Continue(()) => Ok(()),
         ControlFlow::Break(()) => Err(Error::from(gsvx::Error::Cancelled)),
@@ -188,7 +190,7 @@ pub fn encode(
     }
     encoder.on_progress(move |event| progress(EncodeEvent::Encoder(event)));
     let Judgement { mut output, misfit, loss, seconds: estimate_seconds } =
-        judged(&mut encoder, &scene, importance.as_deref(), recipe)?;
+        judged(&mut encoder, &scene, importance.as_deref(), recipe, proven)?;
     doubts.extend(misfit.map(CameraDoubt::Misfit));
     if let (Some(seen), Some(weights), None) = (&mut seen, importance, misfit) {
         let least = match drop_unseen {
@@ -212,19 +214,23 @@ struct Judgement {
     seconds: f64,
 }
 
-/// The stream by these importances, or without them if it [casts doubt](LossEstimate::doubts_cameras) on the cameras.
+/// The stream by these importances, or without them if it [casts doubt](LossEstimate::doubts_cameras) on cameras that
+/// are not proven.
 fn judged(
     encoder: &mut Encoder<'_>,
     scene: &Scene,
     importance: Option<&[f32]>,
     recipe: &EncodeRecipe<'_>,
+    proven: bool,
 ) -> gsvx::Result<Judgement> {
     let told = recipe.estimate && recipe.aim != Aim::Lossless;
     let output = encoder.encode(scene, importance)?;
     let clock = Clock::start();
     // Lossless streams and bounds on errors have no quality, and no cameras can harm them.
-    let refusable =
-        importance.is_some() && !recipe.options.prepare.drop_unseen && output.quality.is_some();
+    let refusable = importance.is_some()
+        && !proven
+        && !recipe.options.prepare.drop_unseen
+        && output.quality.is_some();
     let decoded = if told || refusable { Some(output.encoded.decode()?) } else { None };
     let loss_of = |decoded: &Scene| estimate_loss(scene, decoded, recipe.cameras);
     let loss = decoded.as_ref().filter(|_| told).map(loss_of);

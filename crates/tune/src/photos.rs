@@ -158,27 +158,28 @@ fn is_cropped(camera: &Camera) -> bool {
     pinholes(Path::new(""), std::slice::from_ref(camera)).is_ok_and(|cameras| cameras.len() > 1)
 }
 
-/// Photos that are compared with renders before an encode, and their greatest size, pixels.
+/// Photos that are compared with renders before an encode, and their greatest size, pixels: [`PhotoCheck`] compares
+/// smaller ones.
 const COMPARED: usize = 8;
-const COMPARED_PIXELS: u32 = 120_000;
+const COMPARED_PIXELS: u32 = 20_000;
 
-/// Compares some photos of the views with the model, quickly. Where fewer than two of them can be read, nothing is
-/// compared.
+/// Compares some photos of the views with the model, quickly. True if they [prove](PhotoCheck::proves_cameras) the
+/// cameras. Where fewer than two of them can be read, nothing is compared.
 ///
 /// # Errors
 /// [`Error::OtherPhotos`] if they show something else than the model at their cameras.
-pub fn check_photos(scene: &Scene, views: &[View]) -> Result<()> {
+pub fn check_photos(scene: &Scene, views: &[View]) -> Result<bool> {
     let there: Vec<&View> = views.iter().filter(|v| v.has_photo()).collect();
     let step = there.len().div_ceil(COMPARED).max(1);
     let read = |view: &&View| photo(&view.camera, &view.image_path).ok();
     let chosen = there.into_iter().step_by(step).filter_map(|view| read(&view));
     let chosen: Vec<TrainView> = chosen.map(|view| smaller(&view, COMPARED_PIXELS)).collect();
-    match PhotoCheck::of(scene, &chosen).filter(PhotoCheck::of_other_views) {
-        Some(PhotoCheck { views, psnr, .. }) => {
-            Err(Error::OtherPhotos { views, psnr, turned: show_turned(scene, &chosen) })
-        }
-        None => Ok(()),
+    let Some(found) = PhotoCheck::of(scene, &chosen) else { return Ok(false) };
+    if found.of_other_views() {
+        let PhotoCheck { views, psnr, .. } = found;
+        return Err(Error::OtherPhotos { views, psnr, turned: show_turned(scene, &chosen) });
     }
+    Ok(found.proves_cameras())
 }
 
 /// Whether the photos show the model turned by 180 degrees about x.
