@@ -2,7 +2,8 @@
 
 mod common;
 
-use common::{ENCODINGS, File, LITTLE, read, written};
+use common::ply::{ENCODINGS, File, LITTLE};
+use common::{read, written};
 use gs_model::{Doubts, Scene, ply};
 
 /// A hundred Gaussians of the room.

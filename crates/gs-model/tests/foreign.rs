@@ -110,7 +110,7 @@ fn a_splat_is_read_whatever_its_first_bytes() {
 }
 
 #[test]
-fn early_files_of_other_tools_named_splat_are_not_read_as_garbage() {
+fn early_files_of_other_tools_that_are_called_splat_are_named() {
     // A header of 1,024 bytes: version 0.0, the number of Gaussians.
     let mut early = vec![0; 1024 + 44 * 8];
     (early[8], early[32]) = (8, 1);

@@ -3,9 +3,8 @@
 
 mod common;
 
-use common::{
-    ASCII, DROP, ENCODINGS, File, LITTLE, Property, ascii_ply, bits, read, says, scene, written,
-};
+use common::ply::{ASCII, ENCODINGS, File, LITTLE, Property, ascii_ply};
+use common::{DROP, bits, read, says, scene, written};
 use gs_model::ply::{self, Parts};
 use gs_model::{ReadOptions, Report, Result, Scene};
 

@@ -2,7 +2,8 @@
 
 mod common;
 
-use common::{ASCII, ENCODINGS, File, LITTLE, Property, is_broken, says, scene};
+use common::ply::{ASCII, ENCODINGS, File, LITTLE, Property};
+use common::{is_broken, says, scene};
 use gs_model::ply;
 use gs_model::{Error, Result, Scene};
 

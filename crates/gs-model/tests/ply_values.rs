@@ -2,7 +2,8 @@
 
 mod common;
 
-use common::{DROP, ENCODINGS, File, KEEP, ascii_ply, bits, says, scene, written};
+use common::ply::{ENCODINGS, File, ascii_ply};
+use common::{DROP, KEEP, bits, says, scene, written};
 use gs_model::scene::Field;
 use gs_model::{CLAMPED_OPACITY_LOGIT, Error, Scene, model, ply};
 use proptest::collection::vec;

@@ -1,7 +1,7 @@
 //! Helpers shared by the integration tests.
-#![allow(dead_code, unused_imports, reason = "each test binary uses some of them")]
+#![allow(dead_code, reason = "each test binary uses some of them")]
 
-mod ply;
+pub(crate) mod ply;
 
 use std::fs;
 use std::io::{Cursor, Write};
@@ -14,8 +14,6 @@ use gs_model::{
 };
 use serde_json::Value;
 use tempfile::TempDir;
-
-pub(crate) use ply::{ASCII, ENCODINGS, File, LITTLE, Property, ascii_ply};
 
 const STRICT: ReadOptions =
     ReadOptions { invalid: Invalid::Error, axes: FileAxes::Turn, codec: None, max_gaussians: None };
