@@ -82,15 +82,22 @@ const SAMPLE: usize = 1 << 16;
 #[must_use]
 pub fn find(scene: &Scene, constraints: &Constraints) -> Option<Placement> {
     let (sample, _) = thinned(scene, SAMPLE);
-    let found = find_detail(&sample, constraints)?;
-    Some(whole_object(&sample, &found, constraints).unwrap_or(found))
+    let detail = Bulk::of(&sample, Weigh::Detail)?;
+    let alike = ThinnedScene::of(&sample, constraints.tangents, Weigh::Alike);
+    let found = find_detail(&sample, detail, &alike, constraints)?;
+    Some(whole_object(&sample, detail, &alike, &found, constraints).unwrap_or(found))
 }
 
 /// Finds a circle around the detail.
-fn find_detail(scene: &Scene, constraints: &Constraints) -> Option<Placement> {
-    let found = find_around(scene, Bulk::of(scene, Weigh::Detail)?, constraints, Weigh::Detail);
+fn find_detail(
+    scene: &Scene,
+    detail: Bulk,
+    alike: &ThinnedScene,
+    constraints: &Constraints,
+) -> Option<Placement> {
+    let found = find_around(scene, detail, constraints, Weigh::Detail);
     // In some models the smallest Gaussians are specks in the air: then all count alike.
-    let seen = ThinnedScene::of(scene, constraints.tangents, Weigh::Alike).all(&found.ring);
+    let seen = alike.all(&found.ring);
     if seen > SPECKS_SEE * f64::from(FEW) {
         return Some(found);
     }

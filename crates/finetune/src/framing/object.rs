@@ -37,17 +37,18 @@ impl Bulk {
     }
 }
 
-/// A circle that shows the whole of an object, if the scene is one; `found` shows its detail.
+/// A circle that shows the whole of an object, if the scene is one; `found` shows its detail, whose bulk is `detail`.
 pub(super) fn whole_object(
     scene: &Scene,
+    detail: Bulk,
+    alike: &ThinnedScene,
     found: &Placement,
     constraints: &Constraints,
 ) -> Option<Placement> {
-    let [detail, whole] = [Bulk::of(scene, Weigh::Detail)?, Bulk::whole(scene)?];
+    let whole = Bulk::whole(scene)?;
     if whole.radius > WIDE * detail.radius {
         return None;
     }
-    let alike = ThinnedScene::of(scene, constraints.tangents, Weigh::Alike);
     let framing = framing_distance(whole, constraints.tangents);
     let ring = Ring { centre: whole.centre, radius: framing, ..found.ring };
     let sides = alike.few(&ring);
