@@ -7,7 +7,7 @@ use crate::codec_loop::{CodecLoop, FITTED, Snapshot};
 use crate::error::Result;
 use crate::forecast::Forecast;
 use crate::options::{Goal, Target};
-use crate::plan::TunePlan;
+use crate::plan::{TuneEffort, TunePlan};
 use crate::progress::{StageName, StopReason};
 use crate::stage::{self, Stage};
 use crate::steering;
@@ -55,6 +55,16 @@ impl Course {
     /// Plans of all streams.
     pub(crate) fn plans(&self) -> &[TunePlan] {
         &self.plans
+    }
+
+    /// Seconds of the whole run with another effort, about.
+    pub(crate) fn seconds_with(&self, effort: TuneEffort) -> f64 {
+        let with = |(i, plan): (usize, &TunePlan)| match i {
+            0 => plan.with(effort),
+            _ => plan.with(effort).further(),
+        };
+        let plans: Vec<TunePlan> = self.plans.iter().enumerate().map(with).collect();
+        self.forecast.seconds_after(&plans, 0)
     }
 
     /// Whether a stream before the one under way is made.
@@ -122,13 +132,7 @@ impl Work for Course {
     }
 
     fn seconds_after(&self, steps: u64) -> f64 {
-        let mut before = 0;
-        let of_plan = |plan: &TunePlan| {
-            let done = steps.saturating_sub(before);
-            before += plan.steps();
-            self.forecast.seconds_after(plan, done)
-        };
-        self.plans.iter().map(of_plan).sum()
+        self.forecast.seconds_after(&self.plans, steps)
     }
 
     fn advance(&mut self, views: &mut Views) -> Result<Option<StopReason>> {

@@ -20,8 +20,19 @@ pub(crate) struct Forecast {
 }
 
 impl Forecast {
+    /// Seconds of plans, one after the other, after so many steps of them.
+    pub(crate) fn seconds_after(&self, plans: &[TunePlan], steps: u64) -> f64 {
+        let mut before = 0;
+        let of_one = |plan: &TunePlan| {
+            let done = steps.saturating_sub(before);
+            before += plan.steps();
+            self.seconds_of(plan, done)
+        };
+        plans.iter().map(of_one).sum()
+    }
+
     /// Seconds of a plan after so many of its steps.
-    pub(crate) fn seconds_after(&self, plan: &TunePlan, steps: u64) -> f64 {
+    fn seconds_of(&self, plan: &TunePlan, steps: u64) -> f64 {
         let share = |kept: f64| libm::pow(kept, TIME_EXPONENT);
         let step = STEP_OVER_RENDER * self.render;
         let of_round = |round: u64| {
@@ -46,7 +57,7 @@ mod tests {
         let plan =
             TunePlan { quality: 50.0, fraction: 0.0, rounds: 2, round_steps: 10, loop_steps: 5 };
         let forecast = Forecast { input: 1000, render: 1.0, pass: 100.0 };
-        let after = |steps| forecast.seconds_after(&plan, steps);
+        let after = |steps| forecast.seconds_after(&[plan], steps);
         let hundredths = |a, b| (100.0 * (after(a) - after(b))).round();
         assert_eq!([hundredths(0, 9), hundredths(9, 10)], [9.0 * 135.0, 135.0]);
         assert_eq!([hundredths(10, 11), hundredths(20, 21)], [10_135.0, 10_135.0]);

@@ -104,12 +104,11 @@ impl TunePlan {
         Self { rounds, round_steps, loop_steps, ..self }
     }
 
-    /// The plan of a further stream, which goes on from that of a higher quality: one round, and shorter. Such a run of
-    /// five qualities takes twice the time of its first stream: docs/results/tune.md.
-    pub(crate) fn further(quality: f32, effort: TuneEffort, spare: &Spare) -> gsvx::Result<Self> {
-        let alone = Self::new(quality, effort, spare)?;
-        let (round_steps, loop_steps) = (alone.round_steps / 2, alone.loop_steps * 2 / 5);
-        Ok(Self { rounds: 1, round_steps, loop_steps, ..alone })
+    /// This plan for a stream that goes on from that of a higher quality: one round, and shorter. A run of five qualities
+    /// takes twice the time of its first stream: docs/results/tune.md.
+    pub(crate) fn further(self) -> Self {
+        let (round_steps, loop_steps) = (self.round_steps / 2, self.loop_steps * 2 / 5);
+        Self { rounds: 1, round_steps, loop_steps, ..self }
     }
 
     /// This plan, if a run can follow it.

@@ -30,7 +30,7 @@ pub(crate) fn plans(
             let (option, range) = ("further quality", "below the quality before it");
             return Err(Error::Option { option, value: quality.into(), range });
         }
-        plans.push(TunePlan::further(quality, options.effort, &spare)?);
+        plans.push(TunePlan::new(quality, options.effort, &spare)?.further());
     }
     Ok(plans)
 }

@@ -144,10 +144,10 @@ impl Tune {
         self.course.seconds_after(self.trainer.done)
     }
 
-    /// Seconds that the first stream would take with another effort, about.
+    /// Seconds that this run would take with another effort, about.
     #[must_use]
     pub fn seconds_with(&self, effort: TuneEffort) -> f64 {
-        self.course.forecast.seconds_after(&self.plan().with(effort), 0)
+        self.course.seconds_with(effort)
     }
 
     /// Runs to the end, calling `progress` now and then.
