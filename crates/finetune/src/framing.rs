@@ -234,7 +234,7 @@ mod tests {
     }
 
     #[test]
-    fn the_background_moved_the_camera_away_or_into_the_subject() {
+    fn the_background_does_not_move_the_camera() {
         let scene = sphere([5.0, -2.0, 9.0]);
         let bulk = Bulk::of(&scene, Weigh::Detail).unwrap();
         assert!(bulk.centre.distance(DVec3::new(5.0, -2.0, 9.0)) < 0.1, "{bulk:?}");
@@ -250,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn a_model_of_no_extent_or_of_two_centimetres_was_not_shown() {
+    fn a_model_of_no_extent_or_of_two_centimetres_is_shown() {
         let mut small = sphere([0.0; 3]).select(&(0..500).collect::<Vec<_>>());
         for i in 0..small.len() {
             small.means[i] = small.means[i].map(|x| 0.01 * x);

@@ -202,7 +202,7 @@ fn a_model_that_stands_on_its_head_beside_its_photos_is_said_to() {
 }
 
 #[test]
-fn keeping_what_cameras_hardly_see_cost_a_sixth_of_the_bytes() {
+fn keeping_what_cameras_hardly_see_costs_at_most_a_twenty_fifth_of_the_bytes() {
     let dir = Folder::new();
     let (json, stream) = (dir.join("cameras.json"), dir.join("a.gsvx"));
     // The room's cameras but for those that look one way.

@@ -235,9 +235,9 @@ fn further_streams_are_smaller_and_the_same_after_an_interruption() {
     assert!(error.to_string().contains("further quality"), "{error}");
 }
 
-/// Before its first step the loop has no scene. It was scored all the same.
+/// Before its first step the loop has no scene to score.
 #[test]
-fn the_loop_began_with_the_psnr_of_an_empty_scene() {
+fn the_loop_begins_with_the_psnr_of_its_input() {
     let run = Tune::new(model(), photos(), short(Target::Quality(54.0))).unwrap();
     let least = run.input_scores().psnr - 8.0;
     let mut scores = Vec::new();

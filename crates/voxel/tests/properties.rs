@@ -200,10 +200,10 @@ fn merging_degree_by_degree_is_merging() {
     }
 }
 
-/// The encoder merges a chunk at a time. Each time it looked at the importances of the whole scene, which took a
-/// fifth of the encoding of a million Gaussians.
+/// The encoder merges a chunk at a time; to look at all importances each time takes a fifth of the encoding of a million
+/// Gaussians.
 #[test]
-fn a_part_was_merged_with_a_look_at_all_importances() {
+fn merging_a_part_looks_at_its_own_importances_alone() {
     let scene = clustered(40, 4);
     let whole = voxelize(&scene, &cube(&scene), &Strategy::Uniform { depth: 9 }).unwrap();
     let part = whole.regrouped(whole.octree().part(0..1), &[0, 1]);
@@ -230,7 +230,7 @@ fn extreme_means_stay_inside() {
 
 /// The weights are importances: what is hidden gives the merged Gaussian no size, and must not make it opaque.
 #[test]
-fn a_merged_gaussian_was_more_opaque_than_its_members_on_top_of_each_other() {
+fn a_merged_gaussian_is_no_more_opaque_than_its_members_on_top_of_each_other() {
     let scene = Scene {
         means: vec![[0.1; 3], [0.2; 3]],
         rotations: vec![[1.0, 0.0, 0.0, 0.0]; 2],
