@@ -141,8 +141,8 @@ impl Sum {
 const LEAST_SEEN: f64 = 0.5;
 
 /// Why cameras do not fit their model, most often.
-pub const MISFIT_CAUSES: &str = "Most often nerfstudio's dataparser_transforms.json is not beside transforms.json, or \
-    the axes (y or z up) or the units differ";
+pub const MISFIT_CAUSES: &str = "Most often nerfstudio's dataparser_transforms.json is not beside transforms.json, the \
+    trainer moved the scene (gsplat without --no-normalize-world-space), or the axes (y or z up) or the units differ";
 
 /// A sentence, if cameras that see this [share](Visibility::share) of a scene may be those of another: they see nothing,
 /// or less than half of the opacity.

@@ -146,6 +146,11 @@ fn a_folder_without_cameras_says_what_it_has() {
     put(&dir, "database.db", "");
     put(&dir, "photos/a.png", "");
     says(open_cameras(dir.path()), "found database.db, photos; expected");
+    put(&dir, "run/dataparser_transforms.json", "{}");
+    says(
+        open_cameras(dir.path().join("run")),
+        "a run of nerfstudio; copy its dataparser_transforms.json",
+    );
     put(&dir, "sparse/0/cameras.bin", "");
     says(open_cameras(dir.path()), "sparse/0: it has cameras, but no images.bin");
     says(open_cameras(dir.path().join("database.db")), "is empty");

@@ -12,7 +12,7 @@ use crate::error::{Error, Result};
 use crate::fs;
 
 /// The file, beside the `transforms.json`.
-const FILE: &str = "dataparser_transforms.json";
+pub(super) const FILE: &str = "dataparser_transforms.json";
 
 /// A point `p` of the `transforms.json` becomes `scale * (rotation * p + shift)`.
 pub(crate) struct Placed {

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
-use super::{colmap, inria, json, nerf};
+use super::{colmap, inria, json, nerf, nerfstudio};
 use crate::cameras::camera::{Camera, View};
 use crate::cameras::photos::Finder;
 use crate::error::{Error, Result, list_of};
@@ -202,7 +202,8 @@ fn in_its_folders(dir: &Path) -> Result<CameraSet> {
 fn nothing(dir: &Path) -> Result<Error> {
     // A missing folder is reported as such, not as a folder without cameras.
     std::fs::read_dir(dir).map_err(|e| Error::io(dir, "list", e))?;
-    let expected = "expected sparse/0/images.bin or .txt (COLMAP), cameras.json (Inria output) or transforms.json (NeRF)";
+    let expected = "expected sparse/0/images.bin or .txt (COLMAP), cameras.json (Inria output) or transforms.json (NeRF); most other \
+                    programs export COLMAP";
     for place in ["sparse"].iter().chain(&SPARSE) {
         for base in bases(dir, place)? {
             for folder in folders(&base)?.into_iter().chain([base]) {
@@ -216,6 +217,11 @@ fn nothing(dir: &Path) -> Result<Error> {
                 return Ok(Error::not_a_dataset(&folder, reason));
             }
         }
+    }
+    if dir.join(nerfstudio::FILE).is_file() {
+        let reason = "a run of nerfstudio; copy its dataparser_transforms.json beside the transforms.json of the photos, and name \
+                      that folder";
+        return Ok(Error::not_a_dataset(dir, reason));
     }
     let names: Vec<String> =
         fs::names(dir)?.iter().map(|name| name.to_string_lossy().into_owned()).collect();
