@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 
 use crate::chart::Chart;
+use crate::measure::Score;
 use crate::scenes;
 
 /// Rows under a header; the first column is names, the others are numbers. A row is written with `|` between its
@@ -26,6 +27,12 @@ pub(crate) fn number(x: impl Into<Option<f64>>, decimals: usize) -> String {
 /// A number with its sign and a unit, or a dash where it is unknown.
 pub(crate) fn signed(x: Option<f64>, decimals: usize, unit: &str) -> String {
     x.map_or("-".into(), |x| format!("{x:+.decimals$}{unit}"))
+}
+
+/// Cells of a table: PSNR, SSIM, SSIMULACRA2.
+pub(crate) fn scores(of: &Score) -> String {
+    let Score { psnr_db, ssim, ssimulacra2, .. } = *of;
+    format!("{} | {} | {}", number(psnr_db, 3), number(ssim, 4), number(ssimulacra2, 2))
 }
 
 fn cells(row: &str) -> Vec<String> {

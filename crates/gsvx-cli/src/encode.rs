@@ -11,7 +11,7 @@ use crate::output::{Output, counted};
 use crate::progress::Meter;
 use crate::report::Reporter;
 use crate::views::Origin;
-use crate::{loss, max_error, photos, scale, size, views};
+use crate::{doubts, loss, max_error, scale, size, views};
 use anyhow::{Context, Result, bail};
 use gs_model::{Camera, Format, Scene, chain};
 use gsvx::{
@@ -352,11 +352,11 @@ fn encoded(args: &EncodeArgs, name: &str, scene: Scene) -> Result<(EncodeOutcome
     };
     let path = path.unwrap_or(Path::new(""));
     let outcome = match tune::encode(scene, &recipe, meters(recipe.cameras)) {
-        Err(error @ tune::Error::OtherPhotos { .. }) => return Err(photos::refused(path, &error)),
+        Err(error @ tune::Error::OtherPhotos { .. }) => return Err(doubts::refused(path, &error)),
         Err(error @ tune::Error::NothingSeen) => bail!("{}: {error}", path.display()),
         other => other.with_context(|| name.to_owned())?,
     };
-    outcome.doubts.iter().for_each(|doubt| views::warn(path, doubt));
+    outcome.doubts.iter().for_each(|doubt| doubts::warn(path, doubt));
     Ok((outcome, origin.flatten()))
 }
 

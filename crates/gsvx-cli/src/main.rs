@@ -7,6 +7,7 @@ mod content;
 mod convert;
 mod decode;
 mod describe;
+mod doubts;
 mod encode;
 mod exit;
 mod follow;

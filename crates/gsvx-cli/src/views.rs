@@ -1,9 +1,9 @@
 //! Cameras on the command line: which views to draw, and what they see of a model.
 
+use crate::doubts;
 use crate::exit::{note, usage};
 use crate::orbit::Orbit;
 use crate::output::is_stdio;
-use crate::photos;
 use crate::progress::Meter;
 use crate::size::number;
 use anyhow::{Result, bail};
@@ -256,27 +256,10 @@ pub(crate) fn visibility(scene: &Scene, cameras: &[Camera], path: &Path) -> Resu
 pub(crate) fn check(share: f64, path: &Path) -> Result<()> {
     match doubt_about_share(share) {
         Some(doubt) if share == 0.0 => bail!("{}: {doubt}", path.display()),
-        Some(_) => warn(path, &CameraDoubt::Share(share)),
+        Some(_) => doubts::warn(path, &CameraDoubt::Share(share)),
         None => {}
     }
     Ok(())
-}
-
-/// Says why cameras, which `path` names, may not be the model's own, and what becomes of them.
-pub(crate) fn warn(path: &Path, doubt: &CameraDoubt) {
-    let then = match doubt {
-        CameraDoubt::Photos(error) => {
-            return note(format_args!(
-                "warning: {}; the cameras are not used",
-                photos::named(path, error)
-            ));
-        }
-        CameraDoubt::Share(_) => "",
-        CameraDoubt::Misfit(_) => {
-            "; their importances are not used, but with --drop-unseen they are"
-        }
-    };
-    note(format_args!("warning: {}: {doubt}{then}", path.display()));
 }
 
 #[cfg(test)]

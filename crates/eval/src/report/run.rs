@@ -6,7 +6,7 @@ use super::{Block, CropView, Document, NamedChart, Section};
 use crate::bd::Point;
 use crate::chart::{Axis, Chart, Series};
 use crate::measure::Metric;
-use crate::page::{Table, number};
+use crate::page::{self, Table, number};
 use crate::record::{Curve, Record, Run};
 
 /// Points of others larger than this many times our largest stream are left out of the chart
@@ -32,7 +32,7 @@ fn points(run: &Run) -> Section {
     let mut row = |curve: &str, p: &Record, voxelize: f64, [encode, decode]: [f64; 2]| {
         let Record { setting, bytes, gaussians, score, .. } = p;
         let seconds = [voxelize, encode, decode, score.seconds].map(|s| number(s, 2)).join(" | ");
-        let (mbit, bits, scores) = (p.megabits(), p.bits_per_gaussian(), score.cells());
+        let (mbit, bits, scores) = (p.megabits(), p.bits_per_gaussian(), page::scores(score));
         table.row(format!(
             "{curve} | {setting} | {bytes} | {mbit} | {bits:.2} | {scores} | {gaussians} | {seconds}"
         ));
@@ -155,7 +155,7 @@ fn voxelizations(run: &Run) -> Section {
                 curve.name,
                 v.what,
                 v.gaussians,
-                v.score.cells(),
+                page::scores(&v.score),
                 v.voxelize_seconds,
                 v.score.seconds,
                 depths.join(", "),

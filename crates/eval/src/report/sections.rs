@@ -4,7 +4,7 @@ use super::{Block, Section};
 use crate::bd::{self, Point};
 use crate::chart::{LineKind, Series};
 use crate::measure::Metric;
-use crate::page::{Table, signed};
+use crate::page::{self, Table, signed};
 use crate::published::PAPER_CHAIN;
 use crate::record::{Bd, Curve, Record, Run};
 
@@ -95,7 +95,7 @@ fn others_table(others: &[Curve]) -> Table {
         points.sort_by_key(|p| p.bytes);
         for p in points {
             let Record { setting, bytes, score, .. } = p;
-            let (name, mbit, scores) = (&other.name, p.megabits(), score.cells());
+            let (name, mbit, scores) = (&other.name, p.megabits(), page::scores(score));
             table.row(format!("{name} | {setting} | {bytes} | {mbit} | {scores}"));
         }
     }

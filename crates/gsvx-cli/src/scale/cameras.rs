@@ -2,8 +2,8 @@
 
 use super::inputs::changed;
 use super::thinned::ThinnedModel;
+use crate::doubts;
 use crate::exit::note;
-use crate::photos;
 use crate::views::{self, Origin, PlacedCameras, ReadViews};
 use anyhow::Result;
 use finetune::Visibility;
@@ -63,7 +63,7 @@ impl PlanCameras {
             ..view.clone()
         };
         let views: Vec<View> = self.views.iter().map(moved).collect();
-        photos::doubt_cameras(
+        doubts::doubt_cameras(
             &model,
             &self.path,
             &views,
@@ -80,7 +80,7 @@ impl PlanCameras {
             note(format_args!("warning: {}: {doubt}", self.path.display()));
             return Ok(false);
         }
-        views::warn(&self.path, &doubt);
+        doubts::warn(&self.path, &doubt);
         Ok(true)
     }
 
