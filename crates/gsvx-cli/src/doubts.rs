@@ -20,23 +20,34 @@ pub(crate) fn warn(path: &Path, doubt: &CameraDoubt) {
     note(format_args!("warning: {}: {doubt}{then}", path.display()));
 }
 
-/// Whether the photos beside the cameras, which `path` names, show something else than the model there: then the cameras
-/// may not be its own. Warns if so.
+/// What photos beside cameras say of these.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum PhotoVerdict {
+    /// They show the model: the cameras are its own.
+    Proven,
+    /// There are no photos, or they show too little.
+    Unknown,
+    /// They show something else: the cameras may not be its own.
+    Doubted,
+}
+
+/// What photos beside the cameras, which `path` names, say of these. Warns of a doubt.
 ///
 /// # Errors
 /// If what the cameras do not see would be lost.
-pub(crate) fn doubt_cameras(
+pub(crate) fn by_photos(
     scene: &Scene,
     path: &Path,
     views: &[View],
     drop_unseen: bool,
-) -> Result<bool> {
+) -> Result<PhotoVerdict> {
     match tune::check_photos(scene, views) {
-        Ok(_) => Ok(false),
+        Ok(true) => Ok(PhotoVerdict::Proven),
+        Ok(false) => Ok(PhotoVerdict::Unknown),
         Err(error) if drop_unseen => Err(refused(path, &error)),
         Err(error) => {
             warn(path, &CameraDoubt::Photos(error));
-            Ok(true)
+            Ok(PhotoVerdict::Doubted)
         }
     }
 }

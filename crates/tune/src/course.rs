@@ -72,17 +72,19 @@ impl Course {
         self.stream > 0
     }
 
-    /// Goes on to the next stream from the scene of the last one. False if that was the last.
-    pub(crate) fn next(&mut self, views: &mut Views, scene: Scene) -> Result<bool> {
-        if self.stream + 1 >= self.plans.len() {
-            return Ok(false);
-        }
+    /// Whether no stream follows the one under way.
+    pub(crate) fn is_last(&self) -> bool {
+        self.stream + 1 == self.plans.len()
+    }
+
+    /// Goes on to the next stream from the scene of this one.
+    pub(crate) fn next(&mut self, views: &mut Views, scene: Scene) -> Result<()> {
         self.stream += 1;
         (self.effects, self.best, self.aside_psnr) = (None, None, None);
         self.stage = stage::before_pruning(scene);
         views.of_quality(self.plan().quality);
-        self.advance(views)?;
-        Ok(true)
+        // Views that see nothing are an error before its first step.
+        self.advance(views).map(drop)
     }
 
     /// Prunes to what remains after a round.

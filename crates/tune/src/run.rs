@@ -177,12 +177,18 @@ impl Tune {
     ) -> Result<()> {
         loop {
             let outcome = self.stream(&mut progress)?;
-            let (cancelled, scene) = (outcome.cancelled, outcome.scene.clone());
-            let ends = cancelled && self.course.is_further() || made(outcome).is_break();
-            if ends || cancelled || !self.course.next(&mut self.trainer.views, scene)? {
+            if outcome.cancelled && self.course.is_further() {
                 return Ok(());
             }
-            self.trainer.keep(&self.course);
+            if outcome.cancelled || self.course.is_last() {
+                let _ = made(outcome);
+                return Ok(());
+            }
+            let scene = outcome.scene.clone();
+            if made(outcome).is_break() {
+                return Ok(());
+            }
+            self.course.next(&mut self.trainer.views, scene)?;
         }
     }
 

@@ -142,14 +142,12 @@ impl Trainer {
         }
         (self.clock, self.resumed) = (Clock::start(), self.done);
         loop {
-            match (self.steps(work, &mut progress), self.kept.take()) {
-                (Err(Error::Finetune(finetune::Error::Gpu { reason })), Some(kept)) => {
-                    let kept = StateReader::new(Path::new("kept state"), kept, self.fingerprint)?;
-                    self.read(work, kept)?;
-                    self.backend = took_over(&reason, self.done);
-                }
-                (end, _) => return end,
-            }
+            let end = self.steps(work, &mut progress);
+            let Err(Error::Finetune(finetune::Error::Gpu { reason })) = &end else { return end };
+            let Some(kept) = self.kept.take() else { return end };
+            let kept = StateReader::new(Path::new("kept state"), kept, self.fingerprint)?;
+            self.read(work, kept)?;
+            self.backend = took_over(reason, self.done);
         }
     }
 
@@ -351,6 +349,11 @@ mod tests {
             );
             assert_eq!(told.last(), Some(&(50, Backend::Cpu)));
         }
+        // Also where a run before it ended well on the GPU.
+        let mut trainer = trainer(Backend::Gpu, true, None);
+        trainer.run(&mut Sum { fails_after: 1000, ..Sum::default() }, |_| ()).unwrap();
+        trainer.run(&mut Sum { fails_after: 11, ..Sum::default() }, |_| ()).unwrap();
+        assert_eq!((trainer.backend.used, trainer.done), (Backend::Cpu, 100));
     }
 
     #[test]

@@ -288,7 +288,8 @@ pub(crate) fn whole_size(
     checked_size(file, view, w as u64, h as u64)
 }
 
-/// The pose, world to camera, of a camera with its centre there and a matrix that may scale, which is said once.
+/// The pose, world to camera, of a camera with this centre and this matrix. A scale in the matrix is divided out, with a
+/// note for the first camera that has one.
 pub(crate) fn pose_of(
     file: &Path,
     view: &str,

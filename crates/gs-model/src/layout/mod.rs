@@ -12,7 +12,7 @@ pub fn colour(scene: &Scene, i: usize) -> [f32; 4] {
     [r, g, b, 1.0 / (1.0 + libm::expf(-scene.opacity_logits[i]))]
 }
 
-/// A quaternion of length 1; of one without length what there is.
+/// A quaternion with length 1; one of length 0 stays as it is.
 fn unit(rotation: [f32; 4]) -> [f32; 4] {
     let length = rotation.iter().map(|v| v * v).sum::<f32>().sqrt().max(f32::MIN_POSITIVE);
     rotation.map(|v| v / length)

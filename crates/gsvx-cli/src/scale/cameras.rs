@@ -2,7 +2,7 @@
 
 use super::inputs::changed;
 use super::thinned::ThinnedModel;
-use crate::doubts;
+use crate::doubts::{self, PhotoVerdict};
 use crate::exit::note;
 use crate::views::{self, Origin, PlacedCameras, ReadViews};
 use anyhow::Result;
@@ -52,23 +52,19 @@ impl PlanCameras {
         seen
     }
 
-    /// Whether photos beside the cameras show something else than the model. Warns if so.
+    /// What photos beside the cameras say of these. Warns of a doubt.
     ///
     /// # Errors
     /// If what the cameras do not see would be lost.
-    pub(super) fn photos_differ(&self, model: ThinnedModel, choices: Choices) -> Result<bool> {
+    pub(super) fn by_photos(&self, model: ThinnedModel, choices: Choices) -> Result<PhotoVerdict> {
         let model = model.scene();
         let moved = |view: &View| View {
             camera: view.camera.clone().relative_to(model.origin),
             ..view.clone()
         };
         let views: Vec<View> = self.views.iter().map(moved).collect();
-        doubts::doubt_cameras(
-            &model,
-            &self.path,
-            &views,
-            choices.importance == ImportanceFrom::CamerasAlone,
-        )
+        let alone = choices.importance == ImportanceFrom::CamerasAlone;
+        doubts::by_photos(&model, &self.path, &views, alone)
     }
 
     /// Whether a stream of this tile by their importances shows that they may not be the model's own. Warns if so.

@@ -91,9 +91,9 @@ pub(crate) fn plan(args: &SceneArgs, choices: Choices, report: Reporter) -> Resu
     let cameras = args.content.cameras.as_deref().map(PlanCameras::read).transpose()?;
     let cameras = cameras.as_ref();
     let scratch = scratch(args, &key(args, choices, "plan", cameras)?)?;
-    let mut plan = planning::survey(args, choices, cameras, &scratch)?;
+    let (mut plan, proven) = planning::survey(args, choices, cameras, &scratch)?;
     let rows = TileRows::write(&plan, &plan.plan.sample(), 0, &scratch)?;
-    planning::measure(&mut plan, &rows, cameras)?;
+    planning::measure(&mut plan, &rows, cameras, proven)?;
     let text = plan.text()?;
     let written = output.write(|out| Ok(out.write_all(text.as_bytes())?))?;
     scratch.remove();
@@ -146,9 +146,9 @@ pub(crate) fn encode(args: &SceneArgs, choices: Choices, report: Reporter) -> Re
     let plan = match std::fs::read(scratch.path(PLAN)) {
         Ok(bytes) => PlanFile::parse(&bytes)?,
         Err(_) => {
-            let mut plan = planning::survey(args, choices, cameras, &scratch)?;
+            let (mut plan, proven) = planning::survey(args, choices, cameras, &scratch)?;
             let rows = Work::of_all(&plan, cameras, &scratch).rows()?;
-            planning::measure(&mut plan, &rows, cameras)?;
+            planning::measure(&mut plan, &rows, cameras, proven)?;
             scratch.write(PLAN, plan.text()?.as_bytes())?;
             plan
         }

@@ -7,6 +7,7 @@ use super::rows::TileRows;
 use super::scratch::Scratch;
 use super::thinned::ThinnedModel;
 use crate::content::SceneArgs;
+use crate::doubts::PhotoVerdict;
 use crate::input::name;
 use crate::progress::Meter;
 use anyhow::{Context, Error, Result, anyhow};
@@ -22,13 +23,13 @@ const MEANS: &str = "means";
 const PIECE: usize = 1 << 16;
 
 /// Reads all inputs, and cuts their scene into tiles. The plan lacks what the sample says. It has no cameras if their photos
-/// show something else.
+/// show something else. Also whether photos prove the cameras.
 pub(crate) fn survey(
     args: &SceneArgs,
     choices: Choices,
     cameras: Option<&PlanCameras>,
     scratch: &Scratch,
-) -> Result<PlanFile> {
+) -> Result<(PlanFile, bool)> {
     let files = args.inputs.iter().map(|path| SceneFile::new(path));
     let mut inputs = files.collect::<Result<Vec<_>>>()?;
     let mut survey = Survey::new(choices.code.max_sh_degree);
@@ -78,14 +79,15 @@ pub(crate) fn survey(
         input.tiles = (0..).zip(found).filter(|(_, f)| *f).map(|(t, _)| t).collect();
     }
     scratch.forget(&format!("{MEANS}.part"));
-    let differ = |cameras: &PlanCameras| cameras.photos_differ(few, choices);
-    let doubted = cameras.map(differ).transpose()?.unwrap_or(false);
+    let verdict = cameras.map(|cameras| cameras.by_photos(few, choices)).transpose()?;
+    let doubted = verdict == Some(PhotoVerdict::Doubted);
     if doubted {
         plan.forget_cameras();
     }
     let (reading, cameras) = (args.reading.clone(), cameras.filter(|_| !doubted));
     let cameras = cameras.map(PlanCameras::file);
-    Ok(PlanFile { gsvx: super::VERSION.into(), reading, inputs, cameras, plan })
+    let plan = PlanFile { gsvx: super::VERSION.into(), reading, inputs, cameras, plan };
+    Ok((plan, verdict == Some(PhotoVerdict::Proven)))
 }
 
 /// An error for two models that cannot be drawn alike.
@@ -109,15 +111,16 @@ fn read_means(from: &mut File, left: &mut u64) -> std::io::Result<Vec<[f32; 3]>>
 }
 
 /// Finishes a plan by the tiles of its sample, of which `rows` has the Gaussians. Cameras that may not be the model's
-/// own decide nothing, with a warning.
+/// own decide nothing, with a warning; cameras that photos prove are not doubted.
 pub(crate) fn measure(
     file: &mut PlanFile,
     rows: &TileRows,
     cameras: Option<&PlanCameras>,
+    proven: bool,
 ) -> Result<()> {
     let cameras = cameras.filter(|_| file.cameras.is_some());
     let Some(best) = measure_by(&mut file.plan, rows, cameras)? else { return Ok(()) };
-    let doubted = match cameras {
+    let doubted = match cameras.filter(|_| !proven) {
         Some(cameras) => cameras.is_doubted(&rows.tile(best)?, file.plan.choices())?,
         None => false,
     };

@@ -31,9 +31,9 @@ const CODER_BYTES: u64 = 18;
 /// Leaves whose SH coefficients are in memory as input at a time.
 const PIECE: usize = 1 << 11;
 
-/// How to code.
+/// How the values of a chunk are coded.
 #[derive(Clone, Copy)]
-pub(crate) struct How<'a> {
+pub(crate) struct CodingSettings<'a> {
     pub(crate) steps: &'a Steps,
     pub(crate) sh_degree: u8,
     /// Fit the predictions anew. Where nothing is written, bits are counted only then.
@@ -106,7 +106,7 @@ impl ChunkEncoder {
     /// leaves from `before` on.
     pub(crate) fn encode(
         mut self,
-        how: &How<'_>,
+        how: &CodingSettings<'_>,
         base: Scene,
         sh: impl Fn(u8, Range<usize>) -> Result<Vec<[f32; 3]>> + Send,
         before: usize,
@@ -154,7 +154,11 @@ impl ChunkEncoder {
     }
 
     /// The layers. Predictions are those of the last [`ChunkEncoder::code`] with a fit.
-    pub(crate) fn layers(&mut self, how: &How<'_>, values: Values<'_>) -> Result<Vec<Vec<u8>>> {
+    pub(crate) fn layers(
+        &mut self,
+        how: &CodingSettings<'_>,
+        values: Values<'_>,
+    ) -> Result<Vec<Vec<u8>>> {
         self.set(how.sh_degree, values);
         let (front, coder) = (self.importance.depth as u8, self.coder.clone());
         let (mut low, mut high) = self.parts(how, false);
@@ -170,7 +174,7 @@ impl ChunkEncoder {
     /// counted. `prices` take the derivatives of the number of bits by the values.
     pub(crate) fn code(
         &mut self,
-        how: &How<'_>,
+        how: &CodingSettings<'_>,
         values: Values<'_>,
         prices: Option<&mut [f32]>,
     ) -> Result<u64> {
@@ -242,7 +246,7 @@ impl ChunkEncoder {
     }
 
     /// The groups of the base layer, and those of the SH degrees: they do not depend on each other.
-    fn parts<'a>(&'a mut self, how: &'a How<'a>, priced: bool) -> (Part<'a>, Part<'a>) {
+    fn parts<'a>(&'a mut self, how: &'a CodingSettings<'a>, priced: bool) -> (Part<'a>, Part<'a>) {
         let Self { values: ChunkValues { skeleton, rows, .. }, predictions, prices, .. } = self;
         let (groups, high_groups) = GROUPS.split_at(BASE);
         let (rows, high_rows) = rows.split_at_mut(BASE);
@@ -285,7 +289,7 @@ fn copy_short(from: &[f32], to: &mut [f32]) {
 /// Some groups of a chunk on their way through a coder.
 struct Part<'a> {
     skeleton: &'a Skeleton,
-    how: &'a How<'a>,
+    how: &'a CodingSettings<'a>,
     groups: &'static [Group],
     rows: &'a mut [Rows],
     predictions: &'a mut [Prediction],

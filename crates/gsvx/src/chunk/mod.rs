@@ -18,7 +18,7 @@ pub(crate) use check::check;
 #[cfg(feature = "encode")]
 pub use encode::Transform;
 #[cfg(feature = "encode")]
-pub(crate) use encode::{ChunkEncoder, How, LAMBDA_MOVED, Values};
+pub(crate) use encode::{ChunkEncoder, CodingSettings, LAMBDA_MOVED, Values};
 #[cfg(feature = "encode")]
 pub use gaussians::GaussianGradient;
 pub(crate) use gaussians::resize;

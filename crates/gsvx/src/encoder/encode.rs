@@ -8,7 +8,7 @@ use super::encoded::Encoded;
 use super::lod::{self, LodLevel};
 use super::options::CodeOptions;
 use super::source::{GaussianSource, Whole};
-use crate::chunk::How;
+use crate::chunk::CodingSettings;
 use crate::error::Result;
 use crate::head::{Header, Steps};
 use crate::importance;
@@ -23,7 +23,7 @@ use voxel::{Importance, Voxelization};
 pub(crate) struct Coding<'a> {
     pub(crate) steps: &'a Steps,
     pub(crate) options: &'a CodeOptions,
-    /// See [`How::lambda`].
+    /// See [`CodingSettings::lambda`].
     pub(crate) lambda: Option<f32>,
 }
 
@@ -106,7 +106,7 @@ pub(crate) fn encode_levels(
     coding: Coding<'_>,
 ) -> Result<Vec<EncodedChunk>> {
     let Coding { steps, lambda, .. } = coding;
-    let how = How { steps, sh_degree, fit: true, lambda };
+    let how = CodingSettings { steps, sh_degree, fit: true, lambda };
     let importance = source.importance();
     let jobs: Vec<_> = levels
         .iter()

@@ -19,7 +19,7 @@ use super::encoded::Encoded;
 use super::lod;
 use super::options::CodeOptions;
 use crate::attributes::opacity;
-use crate::chunk::{self, ChunkEncoder, How, LAMBDA_MOVED, Values, coded};
+use crate::chunk::{self, ChunkEncoder, CodingSettings, LAMBDA_MOVED, Values, coded};
 pub use crate::chunk::{GaussianGradient, Transform};
 pub use crate::covariance::EQUAL_AXES;
 use crate::error::Result;
@@ -321,7 +321,7 @@ fn channels(sh_degree: u8) -> usize {
 }
 
 /// Values that an optimiser moves are coded with a dead zone of their own.
-fn how(header: &Header, fit: bool) -> How<'_> {
+fn how(header: &Header, fit: bool) -> CodingSettings<'_> {
     let Header { steps, sh_degree, .. } = header;
-    How { steps, sh_degree: *sh_degree, fit, lambda: Some(LAMBDA_MOVED) }
+    CodingSettings { steps, sh_degree: *sh_degree, fit, lambda: Some(LAMBDA_MOVED) }
 }

@@ -2,7 +2,7 @@
 
 use super::assemble::{EncodedChunk, leaves_chunk};
 use super::lod::{self, LodLevel};
-use crate::chunk::{ChunkEncoder, How};
+use crate::chunk::{ChunkEncoder, CodingSettings};
 use crate::error::Result;
 use gs_model::Scene;
 use std::ops::Range;
@@ -63,7 +63,7 @@ impl GaussianSource<'_> {
     /// Encodes some leaves of a level; `classes` are those of the level.
     pub(crate) fn encode_chunk(
         &self,
-        how: How<'_>,
+        how: CodingSettings<'_>,
         level: &LodLevel,
         classes: &[f32],
         range: Range<usize>,
@@ -77,7 +77,8 @@ impl GaussianSource<'_> {
             self.sh(level, range.start + piece.start..range.start + piece.end, degree)
         };
         let encoder = ChunkEncoder::new(octree, &classes[range.clone()])?;
-        let mut layers = encoder.encode(&How { sh_degree, ..how }, base, sh, range.start)?;
+        let mut layers =
+            encoder.encode(&CodingSettings { sh_degree, ..how }, base, sh, range.start)?;
         layers.resize(1 + usize::from(how.sh_degree), Vec::new());
         Ok((chunk, layers))
     }
