@@ -4,7 +4,7 @@
 //!   Gaussian contributes to a set of views.
 //! - [`framing`] finds cameras for a scene that has none; [`estimate_loss`] tells how alike two versions of a scene
 //!   look.
-//! - [`seen_opacity_share`] and [`PhotoCheck`] tell cameras and photos of another scene.
+//! - [`Visibility`] and [`PhotoCheck`] tell cameras and photos of another scene.
 //! - [`ViewGradients`] gives a loss and its gradients by all arrays of a scene, view after view, and [`optimiser`]
 //!   moves a scene or other parameters against them. The crate tune makes runs of such steps.
 //!
