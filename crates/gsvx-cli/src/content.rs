@@ -112,6 +112,11 @@ impl Content {
     }
 }
 
+/// What is said of Gaussians that no rasterizer draws.
+pub(crate) fn transparent(n: usize) -> String {
+    format!("{n} left out that no rasterizer draws (opacity below 1/255)")
+}
+
 /// A quality on the command line.
 pub(crate) fn quality(text: &str) -> Result<f32, String> {
     let value = text.parse().map_err(|_| "use a number from 0 to 100".to_owned())?;

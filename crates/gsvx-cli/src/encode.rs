@@ -1,7 +1,7 @@
 //! `gsvx encode`.
 
 use crate::batch::{self, Job};
-use crate::content::{CONTENT, LARGE, SceneArgs};
+use crate::content::{CONTENT, LARGE, SceneArgs, transparent};
 use crate::exit::{missed, note, usage};
 use crate::format::{STREAM, is_stream_name};
 use crate::info::parts;
@@ -262,11 +262,6 @@ fn encode_file(args: &EncodeArgs, job: &Job, report: Reporter) -> Result<()> {
 fn embed(output: &Path) -> String {
     let file = output.file_name().map_or("scene.gsvx".into(), |n| n.to_string_lossy());
     format!("import {{ GSVXSplats }} from 'gsvx/spark'; scene.add(new GSVXSplats('{file}'));")
-}
-
-/// What is said of Gaussians that no rasterizer draws.
-pub(crate) fn transparent(n: usize) -> String {
-    format!("{n} left out that no rasterizer draws (opacity below 1/255)")
 }
 
 /// What is said of Gaussians that cameras see too little of, in a stream of so many.

@@ -1,7 +1,7 @@
 //! Data flows one way: no files of a crate import each other in a circle.
 //!
-//! An arrow leads from a file to the file that defines what it names in a `use`. Re-exports are followed. A file and
-//! the files of its own folder count as parts of one module, so arrows between them do not count.
+//! An arrow leads from a file to the file that defines what it names, in a `use` or where it needs it. Re-exports are
+//! followed. What a file names of the modules that it is part of does not count, nor what only tests compile.
 #![allow(missing_docs, reason = "a test")]
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -30,11 +30,21 @@ fn files(folder: &Path, module: &Module, out: &mut BTreeMap<Module, PathBuf>) {
     }
 }
 
-/// The source without comments and without its tests at the end.
+/// The source without comments and without the items that only tests compile.
 fn code(path: &Path) -> String {
     let text = std::fs::read_to_string(path).expect("a source file");
-    let lines = text.lines().take_while(|line| !line.starts_with("#[cfg(test)]"));
-    lines.map(|line| line.split("//").next().unwrap_or_default()).collect::<Vec<_>>().join(" ")
+    let mut lines = text.lines().map(|line| line.split("//").next().unwrap_or_default());
+    let mut code = String::new();
+    while let Some(line) = lines.next() {
+        if line.trim_start().starts_with("#[cfg(test)]") {
+            let indent = &line[..line.len() - line.trim_start().len()];
+            let is_outer = |l: &str| l.strip_prefix(indent).is_some_and(|l| !l.starts_with(' '));
+            lines.find(|l| is_outer(l) && l.ends_with([';', '}', ',']));
+        } else {
+            code.extend([line, " "]);
+        }
+    }
+    code
 }
 
 /// The paths of `a::{b, c::{d, e}}`.
@@ -55,14 +65,40 @@ fn paths(tree: &str) -> Vec<String> {
     parts.iter().flat_map(|part| paths(&format!("{}{}", front.trim(), part.trim()))).collect()
 }
 
-/// What a file names: the paths from the root of the crate, and the name under which each is re-exported, if
-/// it is.
-fn named(
-    module: &Module,
-    text: &str,
-    known: &BTreeMap<Module, PathBuf>,
-) -> Vec<(Module, Option<String>)> {
+/// A path from the root of the crate which a file names.
+struct Named {
+    path: Module,
+    /// The name that the file gives it with `use`.
+    alias: Option<String>,
+    is_export: bool,
+}
+
+/// The path from the root of the crate of one that a file writes.
+fn from_root(path: &str, module: &Module, known: &BTreeMap<Module, PathBuf>) -> Option<Module> {
+    let mut names = path.split("::").map(|n| n.trim().to_owned()).peekable();
+    let mut base = module.clone();
+    match names.peek()?.as_str() {
+        "crate" => base.clear(),
+        "self" => {}
+        "super" => {
+            while names.next_if(|n| n == "super").is_some() {
+                base.pop();
+            }
+            return Some(base.into_iter().chain(names).collect());
+        }
+        child => {
+            base.push(child.to_owned());
+            known.get(&base)?;
+        }
+    }
+    Some(base.into_iter().chain(names.skip(1)).collect())
+}
+
+/// What a file names, in a `use` or where it needs it.
+fn named(module: &Module, text: &str, known: &BTreeMap<Module, PathBuf>) -> Vec<Named> {
     let mut out = Vec::new();
+    let mut rest = String::new();
+    let mut end = 0;
     for (at, _) in text.match_indices("use ") {
         let before = text[..at].trim_end();
         if !before.is_empty()
@@ -72,50 +108,42 @@ fn named(
             continue;
         }
         let tree = text[at + 4..].split(';').next().unwrap_or_default();
-        let is_export = before.ends_with("pub") || before.ends_with(')');
+        rest.push_str(text.get(end..at).unwrap_or_default());
+        end = at + 4 + tree.len();
         for path in paths(tree) {
             let (path, alias) = path.split_once(" as ").unwrap_or((&path, ""));
-            let mut names: Module = path.split("::").map(|n| n.trim().to_owned()).collect();
-            let mut base = Vec::new();
-            match names[0].as_str() {
-                "crate" => drop(names.remove(0)),
-                "self" => {
-                    names.remove(0);
-                    base.clone_from(module);
-                }
-                "super" => {
-                    base = module.clone();
-                    while names.first().is_some_and(|n| n == "super") {
-                        names.remove(0);
-                        base.pop();
-                    }
-                }
-                first => {
-                    let child = [&module[..], &[first.to_owned()]].concat();
-                    if !known.contains_key(&child) {
-                        continue;
-                    }
-                    base = module.clone();
-                }
-            }
-            let own = if alias.is_empty() { names.last().cloned() } else { Some(alias.into()) };
-            let exported = own.filter(|_| is_export);
-            out.push((base.into_iter().chain(names).collect(), exported));
+            let Some(path) = from_root(path, module, known) else { continue };
+            let alias = if alias.is_empty() { path.last().cloned() } else { Some(alias.into()) };
+            out.push(Named {
+                path,
+                alias,
+                is_export: before.ends_with("pub") || before.ends_with(')'),
+            });
         }
     }
+    rest.push_str(&text[end..]);
+    let words = rest.split(|c: char| !c.is_alphanumeric() && c != '_' && c != ':');
+    let inline =
+        words.filter(|w| ["crate::", "super::", "self::"].iter().any(|s| w.starts_with(s)));
+    let inline = inline.filter_map(|path| from_root(path, module, known));
+    out.extend(inline.map(|path| Named { path, alias: None, is_export: false }));
     out
 }
 
-/// The file that defines a path, through re-exports.
+/// The file that defines a path, through the names that files give with `use`.
 fn defining(
-    path: &Module,
+    path: &[String],
     known: &BTreeMap<Module, PathBuf>,
-    exports: &BTreeMap<Module, Module>,
+    aliases: &BTreeMap<Module, Module>,
 ) -> Option<Module> {
-    if let Some(other) = exports.get(path).filter(|&other| other != path) {
-        return defining(other, known, exports);
-    }
-    (0..=path.len()).rev().map(|n| path[..n].to_vec()).find(|module| known.contains_key(module))
+    (0..=path.len()).rev().find_map(|n| {
+        let front = &path[..n];
+        if known.contains_key(front) {
+            return Some(front.to_vec());
+        }
+        let other = aliases.get(front).filter(|&other| other != front)?;
+        defining(&[other, &path[n..]].concat(), known, aliases)
+    })
 }
 
 /// Arrows between the files of a crate.
@@ -124,17 +152,16 @@ fn arrows(source: &Path) -> BTreeMap<Module, BTreeSet<Module>> {
     files(source, &Vec::new(), &mut known);
     let all: Vec<_> =
         known.iter().map(|(module, path)| (module, named(module, &code(path), &known))).collect();
-    let mut exports = BTreeMap::new();
+    let mut aliases = BTreeMap::new();
     for (module, names) in &all {
-        for (path, name) in names.iter().filter_map(|(path, name)| Some((path, name.clone()?))) {
-            exports.insert(module.iter().cloned().chain([name]).collect(), path.clone());
+        for (path, alias) in names.iter().filter_map(|n| Some((&n.path, n.alias.clone()?))) {
+            aliases.insert(module.iter().cloned().chain([alias]).collect(), path.clone());
         }
     }
-    let of = |(module, names): &(&Module, Vec<(Module, Option<String>)>)| {
-        let used = names.iter().filter(|(_, exported)| exported.is_none());
-        let to = used.filter_map(|(path, _)| defining(path, &known, &exports));
-        let is_apart = |to: &Module| !to.starts_with(module) && !module.starts_with(to);
-        ((*module).clone(), to.filter(is_apart).collect())
+    let of = |(module, names): &(&Module, Vec<Named>)| {
+        let used = names.iter().filter(|name| !name.is_export);
+        let to = used.filter_map(|name| defining(&name.path, &known, &aliases));
+        ((*module).clone(), to.filter(|to| !module.starts_with(to)).collect())
     };
     all.iter().map(of).collect()
 }
@@ -176,7 +203,7 @@ fn no_files_of_a_crate_import_each_other_in_a_circle() {
 }
 
 #[test]
-fn a_circle_is_found_through_a_re_export() {
+fn a_circle_is_found_through_a_re_export_and_a_path_in_the_code() {
     let folder = tempfile::tempdir().expect("a folder");
     let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
     write("lib.rs", "mod a;\nmod b;\npub use b::B;\n");
@@ -185,5 +212,10 @@ fn a_circle_is_found_through_a_re_export() {
     let from = vec!["a".to_owned()];
     assert_eq!(circle(&from, &arrows(folder.path())), None);
     write("b.rs", "use super::a::A;\npub struct B;\n");
-    assert_eq!(circle(&from, &arrows(folder.path())), Some(vec!["a".into(), "b".into()]));
+    let both = Some(vec!["a".into(), "b".into()]);
+    assert_eq!(circle(&from, &arrows(folder.path())), both);
+    write("b.rs", "pub struct B;\nfn f() {\n    let a = super::a::A;\n}\n");
+    assert_eq!(circle(&from, &arrows(folder.path())), both);
+    write("b.rs", "pub struct B;\n#[cfg(test)]\nfn f() {\n    let a = super::a::A;\n}\n");
+    assert_eq!(circle(&from, &arrows(folder.path())), None);
 }

@@ -1,6 +1,6 @@
 //! Several files as one scene, read some Gaussians at a time.
 
-use crate::encode::transparent;
+use crate::content::transparent;
 use crate::exit::note;
 use crate::input::{Reading, cannot_read, name, open, say_notes};
 use crate::output::is_stdio;
