@@ -121,7 +121,8 @@ const ALL_AROUND: f64 = 40.0;
 /// alone, and not on which way is up: what nobody photographed shows in some of them.
 #[must_use]
 pub fn all_around(scene: &Scene) -> Vec<Camera> {
-    let constraints = Constraints::default();
+    let (up, elevation) = (Some(COLMAP_UP.to_array()), Some(ELEVATIONS[0]));
+    let constraints = Constraints { up, elevation, ..Constraints::default() };
     let Some(Placement { ring, best, .. }) = find(scene, &constraints) else { return Vec::new() };
     let focal = 0.5 * f64::from(SIZE[0]) / constraints.tangents[0];
     let one = |k: u32| {

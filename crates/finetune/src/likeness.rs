@@ -88,8 +88,10 @@ fn likeness(scene: &Scene, version: &Scene, cameras: &[Camera]) -> Option<Likene
     pictures(scene, version, cameras, |image, shown| {
         shows |= image.rgb.iter().any(|&v| v > 0.0);
         squared_error += metrics::squared_error(shown, image);
-        ssim += metrics::ssim(shown, image);
-        ssimulacra2 += metrics::ssimulacra2(shown, image);
+        let scores =
+            rayon::join(|| metrics::ssim(shown, image), || metrics::ssimulacra2(shown, image));
+        ssim += scores.0;
+        ssimulacra2 += scores.1;
     });
     let views = cameras.len();
     let n = views as f64;

@@ -3,6 +3,7 @@
 //! LPIPS is not among them: its network's weights are not part of this project.
 
 use fast_ssim2::{PixelDescriptor, PixelSlice, compute_ssimulacra2};
+use multiversion::multiversion;
 
 use crate::image::{Image, Photo};
 
@@ -138,6 +139,7 @@ pub(crate) fn taps() -> [f64; 11] {
 }
 
 /// Separable blur with zero padding.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx512bw", "x86_64+avx2"))]
 fn blur(plane: &[f64], w: usize, h: usize) -> Vec<f64> {
     let taps = taps();
     let mut rows = vec![0.0; w * h];

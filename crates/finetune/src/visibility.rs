@@ -40,7 +40,7 @@ impl Visibility {
         mut step: impl FnMut(usize) -> Result<(), E>,
     ) -> Result<Self, E> {
         let (chosen, each) = that_see(scene, cameras);
-        let mut sum = Sum::new(scene);
+        let mut sum = WeightSums::new(scene);
         for (i, camera) in chosen.iter().enumerate() {
             sum.add(scene, camera);
             step((i + 1) * cameras.len() / chosen.len())?;
@@ -77,7 +77,7 @@ impl Visibility {
     /// ```
     #[must_use]
     pub fn of_all(scene: &Scene, cameras: &[Camera]) -> Self {
-        let mut sum = Sum::new(scene);
+        let mut sum = WeightSums::new(scene);
         cameras.iter().for_each(|camera| sum.add(scene, camera));
         sum.visibility
     }
@@ -106,22 +106,28 @@ impl Visibility {
 }
 
 /// Blending weights over the views so far.
-struct Sum {
-    visibility: Visibility,
+pub(crate) struct WeightSums {
+    pub(crate) visibility: Visibility,
     forward: Forward,
     weights: Vec<[f32; 2]>,
     sums: Vec<[f32; 2]>,
 }
 
-impl Sum {
-    fn new(scene: &Scene) -> Self {
+impl WeightSums {
+    pub(crate) fn new(scene: &Scene) -> Self {
         let zeros = vec![0.0; scene.len()];
         let visibility = Visibility { total: zeros.clone(), squared: zeros };
         Self { visibility, forward: Forward::default(), weights: Vec::new(), sums: Vec::new() }
     }
 
+    /// Starts again, without views.
+    pub(crate) fn clear(&mut self) {
+        self.visibility.total.fill(0.0);
+        self.visibility.squared.fill(0.0);
+    }
+
     /// Adds a view, drawn at a smaller size if it is large.
-    fn add(&mut self, scene: &Scene, camera: &Camera) {
+    pub(crate) fn add(&mut self, scene: &Scene, camera: &Camera) {
         let Self { visibility, forward: f, weights, sums } = self;
         let drawn = camera.within(PIXELS);
         let area = |c: &Camera| c.width as f32 * c.height as f32;

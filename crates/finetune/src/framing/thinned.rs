@@ -8,7 +8,7 @@ use super::ring::{Placement, Ring};
 use crate::forward::render;
 use crate::image::Image;
 use crate::options::RenderOptions;
-use crate::visibility::Visibility;
+use crate::visibility::WeightSums;
 
 /// Cameras on a circle during the search, and for the choice of an arc.
 pub(super) const FEW: u32 = 8;
@@ -76,10 +76,22 @@ impl ThinnedScene {
 
     /// The share of the detail that one camera sees.
     pub(super) fn view(&self, ring: &Ring, turn: f64) -> f64 {
-        let seen = Visibility::of_all(&self.scene, &[self.camera(ring, turn)]).total;
-        let sum: f64 =
-            seen.iter().zip(&self.weights).map(|(&s, w)| w * (f64::from(s) / SEEN).min(1.0)).sum();
+        self.view_in(&mut WeightSums::new(&self.scene), ring, turn)
+    }
+
+    fn view_in(&self, buffers: &mut WeightSums, ring: &Ring, turn: f64) -> f64 {
+        buffers.clear();
+        buffers.add(&self.scene, &self.camera(ring, turn));
+        let seen = buffers.visibility.total.iter().zip(&self.weights);
+        let sum: f64 = seen.map(|(&s, w)| w * (f64::from(s) / SEEN).min(1.0)).sum();
         sum / self.weights.iter().sum::<f64>().max(f64::MIN_POSITIVE)
+    }
+
+    /// The share of the detail that each of `n` cameras on a circle sees.
+    fn views(&self, ring: &Ring, n: u32) -> Vec<f64> {
+        let turns = (0..n).into_par_iter().map(|i| f64::from(i) / f64::from(n));
+        let buffers = || WeightSums::new(&self.scene);
+        turns.map_init(buffers, |buffers, turn| self.view_in(buffers, ring, turn)).collect()
     }
 
     /// How opaque the edges of a few pictures are, from 0 to 1.
@@ -96,9 +108,7 @@ impl ThinnedScene {
 
     /// How much each of a few cameras on a circle sees, in descending order.
     pub(super) fn few(&self, ring: &Ring) -> Vec<f64> {
-        let turn = |i: u32| f64::from(i) / f64::from(FEW);
-        let mut seen: Vec<f64> =
-            (0..FEW).into_par_iter().map(|i| self.view(ring, turn(i))).collect();
+        let mut seen = self.views(ring, FEW);
         seen.sort_by(|a, b| b.total_cmp(a));
         seen
     }
@@ -116,7 +126,7 @@ impl ThinnedScene {
     /// The part of a circle around its best camera from which as much is seen as from there.
     pub(super) fn arc(&self, ring: Ring) -> Placement {
         let turn = |i: u32| f64::from(i % MANY) / f64::from(MANY);
-        let seen: Vec<f64> = (0..MANY).into_par_iter().map(|i| self.view(&ring, turn(i))).collect();
+        let seen = self.views(&ring, MANY);
         let best = (0..MANY).max_by(|&a, &b| {
             let order = seen[a as usize].total_cmp(&seen[b as usize]);
             order.then(b.cmp(&a))
