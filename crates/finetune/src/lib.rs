@@ -84,7 +84,7 @@ pub use frustum::{MOST as MOST_CAMERAS, that_see};
 pub use gpu::{Adapter, DeviceOptimiser};
 pub use image::{Image, Photo};
 pub use likeness::{Likeness, LossEstimate, doubted_loss, estimate_loss};
-pub use options::{LearningRates, Loss, Profile, RenderOptions};
+pub use options::{LearningRates, Loss, MAX_EDGE, Profile, RenderOptions};
 pub use photo_check::PhotoCheck;
 pub use references::References;
 pub use stages::loss::ViewLoss;

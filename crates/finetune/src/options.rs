@@ -1,5 +1,8 @@
 //! [`RenderOptions`] and [`Profile`].
 
+/// Longest edge of an image that is drawn, in pixels. Callers refuse cameras that are larger.
+pub const MAX_EDGE: u32 = 1 << 14;
+
 /// Which pixels a Gaussian affects.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Profile {

@@ -7,7 +7,7 @@ use crate::output::is_stdio;
 use crate::progress::Meter;
 use crate::size::number;
 use anyhow::{Result, bail};
-use finetune::{Visibility, doubt_about_share};
+use finetune::{MAX_EDGE, Visibility, doubt_about_share};
 use gs_model::dataset::{self, CameraSet, HOLD_OUT_EVERY};
 use gs_model::lens::Lens;
 use gs_model::{Camera, Scene, View, pinholes, refuse_wide};
@@ -15,9 +15,6 @@ use serde_json::{Value, json};
 use std::convert::Infallible;
 use std::path::{Path, PathBuf};
 use tune::CameraDoubt;
-
-/// Longest edge of an image that is drawn, in pixels.
-const MAX_EDGE: u32 = 1 << 14;
 
 /// Which views to look at a model from.
 #[derive(clap::Args, Clone, Debug)]

@@ -3,6 +3,7 @@
 use crate::arrays::SplatArrays;
 use crate::background::run;
 use crate::error::{Fault, Result};
+use finetune::MAX_EDGE;
 use finetune::framing::{self, Constraints};
 use glam::{DMat3, DVec3};
 use gs_model::dataset::open_cameras;
@@ -12,9 +13,6 @@ use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyRead
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::path::{Path, PathBuf};
-
-/// Longest edge of an image that is drawn, in pixels.
-const MAX_EDGE: u32 = 1 << 14;
 
 /// Cameras as Python has checked them.
 #[derive(FromPyObject)]

@@ -36,3 +36,19 @@ fn chunk(index: &Index, number: usize) -> JsValue {
     set(&entry, "finer", &numbers(index.finer(number).map(|i| i as f64)));
     entry.into()
 }
+
+#[cfg(test)]
+mod tests {
+    use gsvx::{ALWAYS_ACCEPTED, DEFAULT_GROWTH};
+
+    #[test]
+    fn the_script_accepts_as_many_gaussians_as_the_decoder() {
+        let script = include_str!("../npm/core.js");
+        for line in [
+            format!("const GROWTH = {DEFAULT_GROWTH};"),
+            format!("const ALWAYS_ACCEPTED = {} << 20;", ALWAYS_ACCEPTED >> 20),
+        ] {
+            assert!(script.contains(&line), "{line}");
+        }
+    }
+}

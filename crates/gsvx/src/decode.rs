@@ -3,7 +3,7 @@
 use crate::chunk::resize;
 use crate::decoded_chunk::{DecodedChunk, check, verify};
 use crate::error::{Error, Result, coding};
-use crate::head::{Header, Index, Layer, head_len};
+use crate::head::{Header, Index, Layer, PREAMBLE, head_len};
 use crate::parallel;
 use gpcc_lite::Octree;
 use gs_model::{Scene, SceneMut, sh_len};
@@ -206,9 +206,10 @@ impl<'a> Bytes<'a> {
         match self {
             Self::Memory(bytes) => Ok(Cow::Borrowed(bytes)),
             Self::Source(_) => {
-                let start = self.read(0..self.len().min(LENGTH_KNOWN), "head")?;
-                let end = if start.len() as u64 == LENGTH_KNOWN { head_len(&start)? } else { 0 };
-                self.read(0..self.len().min(end.max(LENGTH_KNOWN)), "head")
+                let known = PREAMBLE as u64;
+                let start = self.read(0..self.len().min(known), "head")?;
+                let end = if start.len() == PREAMBLE { head_len(&start)? } else { 0 };
+                self.read(0..self.len().min(end.max(known)), "head")
             }
         }
     }
@@ -216,8 +217,6 @@ impl<'a> Bytes<'a> {
 
 /// Bytes that are compared with a checksum at a time.
 const PIECE: usize = 1 << 20;
-/// Bytes that tell how long the head is.
-const LENGTH_KNOWN: u64 = 13;
 
 /// A stream about to be decoded, for callers that need not hold the whole scene.
 #[derive(Debug)]

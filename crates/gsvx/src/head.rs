@@ -16,8 +16,8 @@ use std::ops::Range;
 pub const SIGNATURE: [u8; 8] = [0x89, b'G', b'S', b'V', b'X', 0x0d, 0x0a, 0x1a];
 /// The version of the format.
 pub const VERSION: u8 = 1;
-/// Bytes before the head's body: signature, version and the length of the body.
-const PREAMBLE: usize = SIGNATURE.len() + 1 + 4;
+/// Bytes before the head's body, which tell how long the head is: signature, version and the length of the body.
+pub(crate) const PREAMBLE: usize = SIGNATURE.len() + 1 + 4;
 /// Greatest length of the head's body: the index of 2^20 chunks fits.
 const LONGEST_BODY: u32 = 1 << 26;
 /// Most levels of detail.

@@ -32,15 +32,13 @@ mod held;
 
 use crate::decoded_chunk::DecodedChunk;
 use crate::error::Result;
-use crate::head::{Index, head_len};
+use crate::head::{Index, PREAMBLE, head_len};
 use held::HeldChunk;
 use std::ops::Range;
 
 /// Bytes of a stream's start that are asked for first: the heads of scenes up to some million
 /// Gaussians fit.
 const FIRST: u64 = 4096;
-/// Bytes that tell how long the head is.
-const LENGTH_KNOWN: usize = 13;
 
 /// A stream that arrives in parts.
 #[derive(Debug, Default)]
@@ -142,7 +140,7 @@ impl Reader {
             return None;
         }
         let front = self.start.front();
-        let end = if front.len() < LENGTH_KNOWN { FIRST } else { head_len(front).unwrap_or(FIRST) };
+        let end = if front.len() < PREAMBLE { FIRST } else { head_len(front).unwrap_or(FIRST) };
         Some(front.len() as u64..end)
     }
 
@@ -170,7 +168,7 @@ impl Reader {
     /// Reads the index, if the whole head has arrived.
     fn read_head(&mut self) -> Result<()> {
         let front = self.start.front();
-        if front.len() < LENGTH_KNOWN || (front.len() as u64) < head_len(front)? {
+        if front.len() < PREAMBLE || (front.len() as u64) < head_len(front)? {
             return Ok(());
         }
         let index = Index::parse(front)?;

@@ -1,6 +1,6 @@
 //! The codec as kernels for a graphics adapter: their buffers, what these hold, and the order of the calls.
 //!
-//! Weighted RAHT in single precision on six groups of channels, with a dead zone that depends on the magnitudes of
+//! Weighted RAHT in single precision on the groups of channels of [`GROUPS`], with a dead zone that depends on the magnitudes of
 //! the levels above. The twins of `kernels/*.wgsl` are gpcc-lite and gsvx; a test in `device.rs` compares them.
 
 use std::fmt::Write as _;
@@ -9,7 +9,10 @@ use finetune::kernels::{
     Call, GAUSSIAN, PAGE, PROJECT_ADJOINT, Program, ProgramPage, STEP, Shader,
 };
 use gpcc_lite::attribute::CLASSES;
-use gsvx::latents::{EQUAL_AXES, LOGIT_RANGE, Latents, Transform};
+use gsvx::latents::{
+    Attribute, EQUAL_AXES, GROUPS, Group, LOGIT_RANGE, Latents, Predicted, Transform,
+    TransformPrediction,
+};
 
 /// The kernels, in the order of their calls.
 const SHADERS: &[Shader] = &[
@@ -28,21 +31,33 @@ const SHADERS: &[Shader] = &[
     ),
 ];
 
-/// Words of a chunk: first leaf, root of the sum of weights, factors of depth and class for opacity and for size,
-/// then for SH degrees 2 and 3 the logarithm of the run length and the first factor.
-const CHUNK_WORDS: usize = 10;
-/// Groups of channels: opacity, DC, SH degrees 1 to 3, covariance.
-const GROUPS: usize = 6;
+/// Words of a chunk before its predictions: first leaf, root of the sum of weights.
+const PREDICTIONS: usize = 2;
+/// Words of a chunk. Each group has two of its prediction: the factors of depth and class, or the logarithm of the
+/// run length and the first factor.
+const CHUNK_WORDS: usize = PREDICTIONS + 2 * GROUPS.len();
 /// Activities of a merge and group.
 const ACTIVITIES: usize = 3;
 
 /// The text that all kernels share: functions and constants of the codec.
 fn shared() -> String {
     let mut out = String::from(include_str!("kernels/codec.wgsl"));
+    let number = |attribute| GROUPS.iter().position(|g| g.attribute == attribute).unwrap_or(0);
+    for (name, value) in [
+        ("GROUPS", GROUPS.len()),
+        ("OPACITY", number(Attribute::Opacity)),
+        ("COLOUR", number(Attribute::Colour { degree: 0 })),
+        ("COVARIANCE", number(Attribute::Covariance)),
+        ("FROM_LEAF", Predicted::FromLeaf as usize),
+        ("FROM_BELOW", Predicted::FromBelow as usize),
+        ("PREDICTIONS", PREDICTIONS),
+        ("CHUNK_WORDS", CHUNK_WORDS),
+        ("LAST_CLASS", CLASSES - 1),
+    ] {
+        // Formatting into a String cannot fail.
+        let _ = writeln!(out, "const {name}: u32 = {value}u;");
+    }
     let [low, high] = LOGIT_RANGE;
-    // Formatting into a String cannot fail.
-    let _ = writeln!(out, "const CHUNK_WORDS: u32 = {CHUNK_WORDS}u;");
-    let _ = writeln!(out, "const LAST_CLASS: u32 = {}u;", CLASSES - 1);
     for (name, value) in
         [("MIN_LOGIT", low), ("MAX_LOGIT", high), ("EQUAL_AXES", EQUAL_AXES as f32)]
     {
@@ -75,7 +90,7 @@ pub(crate) fn program(latents: &Latents, pages: &[Vec<Transform<'_>>]) -> Progra
 }
 
 fn program_page(latents: &Latents, page: &[Transform<'_>]) -> ProgramPage {
-    let (chunks, degree) = (page.len(), u32::from(latents.sh_degree()));
+    let chunks = page.len();
     let leaves = leaves_of(page);
     let (values, merges) = (leaves * latents.channels(), merges(page));
     let count = merges.words.len() / 6;
@@ -85,24 +100,22 @@ fn program_page(latents: &Latents, page: &[Transform<'_>]) -> ProgramPage {
         ("second_moments", values),
         ("latent_rows", values),
         ("bit_prices", values),
-        ("activity", ACTIVITIES * GROUPS * count),
+        ("activity", ACTIVITIES * GROUPS.len() * count),
         ("merges", 6 * count),
         ("leaf_words", leaves),
         ("leaf_weights", leaves),
         ("chunks", CHUNK_WORDS * chunks),
         // A chunk has runs of 2^10 leaves or more, and a shorter one at its end.
-        ("sh_factors", (leaves.div_ceil(1 << 10) + chunks) * (3 * 5 + 5 * 7)),
+        ("sh_factors", (leaves.div_ceil(1 << 10) + chunks) * factors_of_run()),
     ];
     let leaf_groups = (leaves as u32).div_ceil(64);
     let call = |shader, entry, words, workgroups| Call { shader, entry, words, workgroups };
     let mut before = Vec::new();
-    // Groups of channels of a pass do not depend on each other; those of the next depend on them.
-    for pass in 0..degree.max(1) {
-        let groups = if pass == 0 { 3 + u32::from(degree >= 1) } else { 1 };
+    for [first_group, groups] in passes(latents.groups()) {
         let lanes = |tasks: u32| (tasks * groups).div_ceil(64);
-        let all = [0, 0, pass, 0];
+        let all = [0, 0, first_group, groups];
         let level = |shader, [first, count]: [u32; 2]| {
-            call(shader, shader, [first, count, pass, 0], lanes(count))
+            call(shader, shader, [first, count, first_group, groups], lanes(count))
         };
         before.push(call("side", "load", all, leaf_groups));
         before.extend(merges.levels.iter().rev().map(|&l| level("transform", l)));
@@ -115,13 +128,36 @@ fn program_page(latents: &Latents, page: &[Transform<'_>]) -> ProgramPage {
     ProgramPage { gaussians: leaves, buffers, uniform: uniform(latents, page), before, after }
 }
 
+/// First group and number of groups of each pass. The groups of a pass do not depend on each other; a group that is
+/// predicted from the one before waits for it.
+fn passes(groups: &[Group]) -> Vec<[u32; 2]> {
+    let mut passes: Vec<[u32; 2]> = Vec::new();
+    for (number, group) in (0..).zip(groups) {
+        match passes.last_mut() {
+            Some([_, count]) if group.predicted != Predicted::FromBelow => *count += 1,
+            _ => passes.push([number, 1]),
+        }
+    }
+    passes
+}
+
+/// Factors of the predictions of a run of leaves: one for each coefficient and coefficient of the degree below.
+fn factors_of_run() -> usize {
+    let pairs = GROUPS.windows(2).filter(|pair| pair[1].predicted == Predicted::FromBelow);
+    pairs.map(|pair| pair[0].channels / 3 * (pair[1].channels / 3)).sum()
+}
+
 /// The words of `Codec` in `codec.wgsl`.
 pub(crate) fn uniform(latents: &Latents, page: &[Transform<'_>]) -> Vec<u32> {
-    let steps = latents.steps_of_unit_weight().map(f32::to_bits);
     let (leaves, chunks) = (leaves_of(page) as u32, page.len() as u32);
-    let counts = [leaves, latents.channels() as u32, latents.sh_degree().into(), chunks];
     let half_lambda = (0.5 * latents.lambda()).to_bits();
-    [&steps[..], &[0; 2], &counts, &[half_lambda, 0, 0, 0]].concat()
+    let mut words = vec![leaves, latents.channels() as u32, chunks, half_lambda];
+    for group in GROUPS {
+        let first = group.among(latents.channels()).start as u32;
+        let step = latents.step_of_unit_weight(&group).to_bits();
+        words.extend([first, group.channels as u32, step, group.predicted as u32]);
+    }
+    words
 }
 
 /// The constant buffers of a page: merges, leaves, and the weights of the leaves.
@@ -143,11 +179,17 @@ pub(crate) fn fitted(page: &[Transform<'_>]) -> (Vec<u32>, Vec<f32>) {
     let (mut words, mut factors, mut first) = (Vec::new(), Vec::new(), 0);
     for t in page {
         words.extend([first, (t.plan.root_of_weight() as f32).to_bits()]);
-        words.extend([t.opacity, t.size].as_flattened().iter().map(|f| f.to_bits()));
-        for prediction in &t.sh {
-            let log_run = prediction.as_ref().map_or(0, |p| p.0.into());
-            words.extend([log_run, factors.len() as u32]);
-            factors.extend(prediction.iter().flat_map(|p| &p.1));
+        for prediction in &t.predictions {
+            words.extend(match prediction {
+                TransformPrediction::None => [0; 2],
+                TransformPrediction::Leaf(factors) => factors.map(f32::to_bits),
+                TransformPrediction::Below { log_run, .. } => {
+                    [u32::from(*log_run), factors.len() as u32]
+                }
+            });
+            if let TransformPrediction::Below { factors: own, .. } = prediction {
+                factors.extend(own);
+            }
         }
         first += t.plan.len() as u32;
     }

@@ -1,12 +1,12 @@
 //! Repairs the checksums of a gsvx stream, so that changes reach what is behind them. The fuzz targets
 //! include this file.
 
-use gsvx::Index;
+use gsvx::{Index, SIGNATURE};
 
 use super::forge::head;
 
 /// Bytes before the head's body: signature, version, length of the body.
-const PREAMBLE: usize = 13;
+const PREAMBLE: usize = SIGNATURE.len() + 5;
 
 /// Makes all checksums those of the bytes, as far as the head can be read: a decoder refuses the rest.
 pub(crate) fn repair(bytes: &mut [u8]) {

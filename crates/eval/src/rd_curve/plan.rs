@@ -14,7 +14,7 @@ const DEPTHS: std::ops::RangeInclusive<u8> = 8..=18;
 /// The uniform depth is the smallest at which the merged model renders like the original to
 /// this many dB at training cameras: 10 dB above what trained models reach against photos, so
 /// that voxelization is not what limits the curve.
-const ENOUGH_DB: f64 = 40.0;
+const MERGED_DB: f64 = 40.0;
 /// Training cameras used for that choice.
 const CHOICE_VIEWS: usize = 3;
 
@@ -267,7 +267,7 @@ fn choose_depth(scene: &Scene, cameras: &[Camera]) -> Result<u8> {
             .map(|(c, o)| finetune::metrics::psnr(&finetune::render(&merged, c, &options), o))
             .sum();
         bar.step(1);
-        if total / cameras.len() as f64 >= ENOUGH_DB || depth == *DEPTHS.end() {
+        if total / cameras.len() as f64 >= MERGED_DB || depth == *DEPTHS.end() {
             bar.done();
             return Ok(depth);
         }

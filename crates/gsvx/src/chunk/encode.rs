@@ -7,7 +7,7 @@
 //! *Invariant:* [`ChunkEncoder::decoded`] makes the Gaussians that a decoder makes of the layers, bit for bit.
 
 use super::check::{check, check_sh};
-use super::groups::{Attribute, BASE, GROUPS, Group, Predicted, Prediction, coded, colours};
+use super::groups::{BASE, GROUPS, Group, Predicted, Prediction, coded, colours};
 use super::skeleton::Skeleton;
 use super::{CLASS_STEP, ChunkValues, steps_of};
 use crate::attributes::side::Factors;
@@ -57,13 +57,24 @@ pub struct Transform<'a> {
     pub plan: &'a RahtPlan,
     /// Importance class of each leaf.
     pub classes: &'a [u8],
-    /// Factors of depth and class that predict ln(alpha).
-    pub opacity: [f32; 2],
-    /// Factors of depth and class that predict the first coordinate of the covariance.
-    pub size: [f32; 2],
-    /// The predictions of SH degrees 2 and 3 from the degree below: the binary logarithm of the leaves of a run,
-    /// and the factors by run, coefficient of the degree and coefficient of the degree below.
-    pub sh: [Option<(u8, Vec<f32>)>; 2],
+    /// What predicts each of [`GROUPS`].
+    pub predictions: [TransformPrediction; GROUPS.len()],
+}
+
+/// A prediction of the values of a group.
+#[derive(Clone, Debug)]
+pub enum TransformPrediction {
+    /// Zero.
+    None,
+    /// Of the first channel: the factors of depth and class.
+    Leaf([f32; 2]),
+    /// From the SH degree below.
+    Below {
+        /// Binary logarithm of the leaves of a run.
+        log_run: u8,
+        /// By run, coefficient of the degree, and coefficient of the degree below.
+        factors: Vec<f32>,
+    },
 }
 
 /// See the module.
@@ -207,24 +218,17 @@ impl ChunkEncoder {
 
     /// The transform and the predictions.
     pub(crate) fn transform(&self) -> Transform<'_> {
-        let of = |attribute: Attribute| {
-            let groups = GROUPS.iter().zip(&self.predictions);
-            groups.filter(|(g, _)| g.attribute == attribute).map(|(_, p)| p).next()
-        };
-        let of_leaf = |attribute| match of(attribute) {
-            Some(Prediction::Leaf(factors)) => factors.as_floats(),
-            _ => [0.0; 2],
-        };
-        let of_degree = |degree| match of(Attribute::Colour { degree }) {
-            Some(Prediction::Below(predictor)) => Some(predictor.as_floats()),
-            _ => None,
-        };
         Transform {
             plan: &self.values.skeleton.plan,
             classes: &self.values.skeleton.classes,
-            opacity: of_leaf(Attribute::Opacity),
-            size: of_leaf(Attribute::Covariance),
-            sh: [2, 3].map(of_degree),
+            predictions: self.predictions.each_ref().map(|prediction| match prediction {
+                Prediction::None => TransformPrediction::None,
+                Prediction::Leaf(factors) => TransformPrediction::Leaf(factors.as_floats()),
+                Prediction::Below(predictor) => {
+                    let (log_run, factors) = predictor.as_floats();
+                    TransformPrediction::Below { log_run, factors }
+                }
+            }),
         }
     }
 

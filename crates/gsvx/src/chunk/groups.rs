@@ -17,18 +17,21 @@ use std::ops::Range;
 
 /// What the channels of a group are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Attribute {
+pub enum Attribute {
     /// ln(alpha).
     Opacity,
     /// Y, Co, Cg of each SH coefficient of a degree.
-    Colour { degree: u8 },
+    Colour {
+        /// The SH degree.
+        degree: u8,
+    },
     /// Six log-Euclidean coordinates.
     Covariance,
 }
 
 /// What a group is predicted from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Predicted {
+pub enum Predicted {
     /// Nothing.
     Not,
     /// Its first channel from the depth and class of each leaf.
@@ -39,14 +42,17 @@ pub(crate) enum Predicted {
 
 /// Channels that are transformed and coded together, with one step.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Group {
-    pub(crate) attribute: Attribute,
-    pub(crate) channels: usize,
-    pub(crate) predicted: Predicted,
+pub struct Group {
+    /// What the channels are.
+    pub attribute: Attribute,
+    /// Number of channels.
+    pub channels: usize,
+    /// What they are predicted from.
+    pub predicted: Predicted,
 }
 
 /// All groups: those of the base layer, then those of one SH degree and layer each.
-pub(crate) const GROUPS: [Group; 6] = [
+pub const GROUPS: [Group; 6] = [
     Group { attribute: Attribute::Opacity, channels: 1, predicted: Predicted::FromLeaf },
     Group::of_degree(0, Predicted::Not),
     Group { attribute: Attribute::Covariance, channels: 6, predicted: Predicted::FromLeaf },
@@ -195,7 +201,8 @@ mod encode {
         }
 
         /// Where the values of the group are among all values of a leaf of [`crate::latents::Latents`].
-        pub(crate) fn among(&self, values: usize) -> Range<usize> {
+        #[must_use]
+        pub fn among(&self, values: usize) -> Range<usize> {
             match self.attribute {
                 Attribute::Opacity => 0..1,
                 Attribute::Colour { degree } => {

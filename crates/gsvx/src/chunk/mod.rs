@@ -9,6 +9,7 @@ mod check;
 #[cfg(feature = "encode")]
 mod encode;
 mod gaussians;
+#[cfg_attr(not(feature = "encode"), allow(unreachable_pub, reason = "the module latents shows it"))]
 mod groups;
 mod skeleton;
 mod values;
@@ -16,14 +17,16 @@ mod values;
 #[cfg(feature = "encode")]
 pub(crate) use check::check;
 #[cfg(feature = "encode")]
-pub use encode::Transform;
-#[cfg(feature = "encode")]
 pub(crate) use encode::{ChunkEncoder, CodingSettings, LAMBDA_MOVED, Values};
+#[cfg(feature = "encode")]
+pub use encode::{Transform, TransformPrediction};
 #[cfg(feature = "encode")]
 pub use gaussians::GaussianGradient;
 pub(crate) use gaussians::resize;
 #[cfg(feature = "encode")]
 pub(crate) use groups::coded;
+#[cfg(feature = "encode")]
+pub use groups::{Attribute, GROUPS, Group, Predicted};
 pub(crate) use skeleton::Skeleton;
 pub(crate) use values::ChunkValues;
 

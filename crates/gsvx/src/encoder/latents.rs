@@ -20,7 +20,9 @@ use super::lod;
 use super::options::CodeOptions;
 use crate::attributes::opacity;
 use crate::chunk::{self, ChunkEncoder, CodingSettings, LAMBDA_MOVED, Values, coded};
-pub use crate::chunk::{GaussianGradient, Transform};
+pub use crate::chunk::{
+    Attribute, GROUPS, GaussianGradient, Group, Predicted, Transform, TransformPrediction,
+};
 pub use crate::covariance::EQUAL_AXES;
 use crate::error::Result;
 use crate::head::{Header, Index, Layer, Steps};
@@ -169,12 +171,16 @@ impl Latents {
         LAMBDA_MOVED
     }
 
-    /// Steps of a leaf of weight 1: opacity, DC, SH degrees 1 to 3, covariance.
+    /// The first of [`GROUPS`]: those of the SH degree that is coded.
     #[must_use]
-    pub fn steps_of_unit_weight(&self) -> [f32; 6] {
-        let Steps { opacity, dc, sh, covariance, .. } = self.header.steps;
-        let [one, two, three] = sh;
-        [opacity, dc, one, two, three, covariance].map(chunk::step_of_unit_weight)
+    pub fn groups(&self) -> &'static [Group] {
+        coded(self.sh_degree())
+    }
+
+    /// The step of a group for a leaf of weight 1.
+    #[must_use]
+    pub fn step_of_unit_weight(&self, group: &Group) -> f32 {
+        chunk::step_of_unit_weight(group.step(&self.header.steps))
     }
 
     /// The transform of each chunk, with the predictions of the last fit.

@@ -167,7 +167,7 @@ pub const DEFAULT_QUALITY: f32 = 80.0;
 /// Step of the DC planes at quality 0, and the number of quality points that halve it: 0.165 at
 /// quality 50, where renders are 35 to 38 dB from those of the input on the scenes measured.
 const DC_STEP_AT_ZERO: f32 = 1.66;
-const QUALITY_PER_OCTAVE: f32 = 15.0;
+pub(super) const QUALITY_PER_OCTAVE: f32 = 15.0;
 /// Steps relative to DC that equalise rendered error per bit (coordinate descent on `fox`,
 /// render-to-render error on training views).
 const OPACITY_PER_DC: f32 = 0.95;

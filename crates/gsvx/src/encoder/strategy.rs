@@ -1,6 +1,6 @@
 //! How many leaves a quality asks for: the parameters of the rate-distortion strategy.
 
-use super::options::ImportanceFrom;
+use super::options::{ImportanceFrom, QUALITY_PER_OCTAVE};
 use crate::error::Result;
 use crate::head::Steps;
 use gpcc_lite::Cube;
@@ -19,7 +19,6 @@ const LEAVES_PER_AXIS: f64 = 64.0;
 const LAMBDA_AT_50: f64 = 3e-3;
 /// The same for guessed importances.
 const LAMBDA_AT_50_GUESSED: f64 = 4e-3;
-const QUALITY_PER_OCTAVE: f64 = 15.0;
 /// Exponent on importance for the choice of leaves (measured; 1 merges too eagerly where little
 /// is seen, 0.5 too little).
 const EXPONENT: f64 = 0.8;
@@ -44,7 +43,8 @@ pub(crate) fn rate_distortion(
         _ => (LAMBDA_AT_50, EXPONENT, Some(DROP)),
     };
     let above = f64::from(quality) - 50.0;
-    let mut options = RateDistortion::new(lambda * libm::exp2(-2.0 * above / QUALITY_PER_OCTAVE));
+    let mut options =
+        RateDistortion::new(lambda * libm::exp2(-2.0 * above / f64::from(QUALITY_PER_OCTAVE)));
     options.j_high = J_HIGH;
     options.cost.gaussian = (BITS_AT_50 + BITS_PER_POINT * above).max(10.0);
     options.drop = drop;

@@ -73,18 +73,19 @@ fn move_latents(
     }
     let weight = leaf_weights[i];
     let row = i * codec.channels;
-    move_value(row, d_log_alpha, weight, u.rates.x);
+    let opacity = row + codec.groups[OPACITY].first;
+    move_value(opacity, d_log_alpha, weight, u.rates.x);
     // An opacity is at most 1.
-    latents[row] = min(latents[row], 0.0);
+    latents[opacity] = min(latents[opacity], 0.0);
     for (var k = 0u; k < u.sh_len; k++) {
         let rate = select(u.rates.z, u.rates.y, k == 0u);
         let g = basis[k] * v_raw;
-        let first = row + 1u + 3u * k;
+        let first = row + codec.groups[COLOUR].first + 3u * k;
         move_value(first, (g.x + g.y + g.z) * 0.57735026, weight, rate);
         move_value(first + 1u, (g.x - g.z) * 0.70710677, weight, rate);
         move_value(first + 2u, (g.y + g.y - g.x - g.z) * 0.4082483, weight, rate);
     }
-    let shape = row + codec.channels - 6u;
+    let shape = row + codec.groups[COVARIANCE].first;
     for (var k = 0u; k < 6u; k++) {
         move_value(shape + k, by[k], weight, u.rates.w);
     }

@@ -36,17 +36,16 @@ fn quantise_means(
     @builtin(workgroup_id) group: vec3<u32>,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    let groups = groups_of_pass(call.pass_index, codec.sh_degree);
     let task = group_index(group) * 64u + lane;
-    if (task >= codec.chunks * groups) {
+    if (task >= codec.chunks * call.groups) {
         return;
     }
-    let chunk = CHUNK_WORDS * (task / groups);
-    let g = group_of_pass(call.pass_index, task % groups);
+    let chunk = CHUNK_WORDS * (task / call.groups);
+    let own = codec.groups[call.first_group + task % call.groups];
     let root = bitcast<f32>(chunks[chunk + 1u]);
-    let width = step_of(codec, g) / root;
-    let first = chunks[chunk] * codec.channels + first_channel(g, codec.channels);
-    for (var c = 0u; c < channels_of(g); c++) {
+    let width = own.step / root;
+    let first = chunks[chunk] * codec.channels + own.first;
+    for (var c = 0u; c < own.channels; c++) {
         let x = latent_rows[first + c] / width;
         latent_rows[first + c] = trunc(x + select(-0.5, 0.5, x >= 0.0)) * width;
         bit_prices[first + c] = 0.0;
@@ -55,25 +54,24 @@ fn quantise_means(
 
 @compute @workgroup_size(64)
 fn quantise(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
-    let groups = groups_of_pass(call.pass_index, codec.sh_degree);
     let task = group_index(group) * 64u + lane;
-    if (task >= call.count * groups) {
+    if (task >= call.count * call.groups) {
         return;
     }
-    let index = call.first + task / groups;
+    let index = call.first + task / call.groups;
     let merge = merges[index];
-    let g = group_of_pass(call.pass_index, task % groups);
-    let count = channels_of(g);
-    let first = first_channel(g, codec.channels);
-    let left = merge.left * codec.channels + first;
-    let right = merge.right * codec.channels + first;
-    let width = step_of(codec, g);
+    let number = call.first_group + task % call.groups;
+    let own = codec.groups[number];
+    let count = own.channels;
+    let left = merge.left * codec.channels + own.first;
+    let right = merge.right * codec.channels + own.first;
+    let width = own.step;
     let per_step = 1.0 / width;
     let to_high_pass = 1.0 / merge.scale;
 
     var above = vec3<f32>();
     if (merge.parent != 0u) {
-        let at = 3u * ((merge.parent - 1u) * GROUPS + g);
+        let at = 3u * ((merge.parent - 1u) * GROUPS + number);
         above = vec3<f32>(activity[at], activity[at + 1u], activity[at + 2u]);
     }
     let expected = above * merge.gain;
@@ -117,9 +115,9 @@ fn quantise(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_i
             sum = 0.0;
         }
     }
-    let own = 3u * (index * GROUPS + g);
+    let at = 3u * (index * GROUPS + number);
     for (var a = 0u; a < 3u; a++) {
         let members = max((count + 2u - a) / 3u, 1u);
-        activity[own + a] = 0.5 * above[a] + sums[a] * (0.5 / f32(members)) / merge.gain;
+        activity[at + a] = 0.5 * above[a] + sums[a] * (0.5 / f32(members)) / merge.gain;
     }
 }

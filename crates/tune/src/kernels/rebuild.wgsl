@@ -85,9 +85,9 @@ fn rebuild(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_in
         return;
     }
     let row = leaf * codec.channels;
-    geo[8u * leaf] = logit_of_log_alpha(latent_rows[row]);
+    geo[8u * leaf] = logit_of_log_alpha(latent_rows[row + codec.groups[OPACITY].first]);
     for (var k = 0u; k < u.sh_len; k++) {
-        let at = row + 1u + 3u * k;
+        let at = row + codec.groups[COLOUR].first + 3u * k;
         let y = latent_rows[at] * 0.57735026;
         let o = latent_rows[at + 1u] * 0.70710677;
         let g = latent_rows[at + 2u] * 0.4082483;
@@ -96,7 +96,7 @@ fn rebuild(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_in
         sh[out + 1u] = y + g + g;
         sh[out + 2u] = y - o - g;
     }
-    let shape = row + codec.channels - 6u;
+    let shape = row + codec.groups[COVARIANCE].first;
     var x = array<f32, 6>();
     var norm = 0.0;
     for (var k = 0u; k < 6u; k++) {

@@ -10,44 +10,47 @@
 @group(0) @binding(6) var<storage, read> chunks: array<u32>;
 @group(0) @binding(7) var<storage, read> sh_factors: array<f32>;
 
-// What depth and class predict; `at` is the word of the factors.
-fn by_depth_and_class(leaf: u32, at: u32) -> f32 {
-    let word = leaf_words[leaf];
-    let chunk = CHUNK_WORDS * (word >> 16u);
-    let by_depth = bitcast<f32>(chunks[chunk + at]) * f32(word & 255u);
-    return by_depth + bitcast<f32>(chunks[chunk + at + 1u]) * f32((word >> 8u) & 255u);
+// The first of the words that a leaf's chunk has of the prediction of a group.
+fn prediction_words(leaf: u32, number: u32) -> u32 {
+    return CHUNK_WORDS * (leaf_words[leaf] >> 16u) + PREDICTIONS + 2u * number;
 }
 
-// The prediction of a channel of SH degree 2 or 3 from the reconstructed degree below.
-fn by_degree_below(leaf: u32, degree: u32, channel: u32) -> f32 {
-    let chunk = CHUNK_WORDS * (leaf_words[leaf] >> 16u);
-    let at = chunk + 6u + 2u * (degree - 2u);
+// What depth and class predict.
+fn by_depth_and_class(leaf: u32, number: u32) -> f32 {
+    let word = leaf_words[leaf];
+    let at = prediction_words(leaf, number);
+    let by_depth = bitcast<f32>(chunks[at]) * f32(word & 255u);
+    return by_depth + bitcast<f32>(chunks[at + 1u]) * f32((word >> 8u) & 255u);
+}
+
+// The prediction of a channel of an SH degree from the reconstructed degree below.
+fn by_degree_below(leaf: u32, number: u32, channel: u32) -> f32 {
+    let at = prediction_words(leaf, number);
     let log_run = chunks[at];
     if (log_run == 0u) {
         return 0.0;
     }
-    let inputs = 2u * degree - 1u;
-    let outputs = 2u * degree + 1u;
-    let run = (leaf - chunks[chunk]) >> log_run;
+    let below = codec.groups[number - 1u];
+    let inputs = below.channels / 3u;
+    let outputs = codec.groups[number].channels / 3u;
+    let run = (leaf - chunks[CHUNK_WORDS * (leaf_words[leaf] >> 16u)]) >> log_run;
     let factors = chunks[at + 1u] + (run * outputs + channel / 3u) * inputs;
-    let below = leaf * codec.channels + first_channel(degree, codec.channels) + channel % 3u;
+    let values = leaf * codec.channels + below.first + channel % 3u;
     var sum = 0.0;
     for (var j = 0u; j < inputs; j++) {
-        sum += sh_factors[factors + j] * latent_rows[below + 3u * j];
+        sum += sh_factors[factors + j] * latent_rows[values + 3u * j];
     }
     return sum;
 }
 
 // What is predicted of a channel of a group.
-fn predicted(leaf: u32, group: u32, channel: u32) -> f32 {
-    if (group == OPACITY) {
-        return by_depth_and_class(leaf, 2u);
+fn predicted(leaf: u32, number: u32, channel: u32) -> f32 {
+    let by = codec.groups[number].predicted;
+    if (by == FROM_LEAF && channel == 0u) {
+        return by_depth_and_class(leaf, number);
     }
-    if (group == COVARIANCE) {
-        return select(0.0, by_depth_and_class(leaf, 4u), channel == 0u);
-    }
-    if (group >= 3u) {
-        return by_degree_below(leaf, group - 1u, channel);
+    if (by == FROM_BELOW) {
+        return by_degree_below(leaf, number, channel);
     }
     return 0.0;
 }
@@ -57,11 +60,12 @@ fn with_predictions(leaf: u32, add: bool) {
     if (leaf >= codec.leaves) {
         return;
     }
-    for (var j = 0u; j < groups_of_pass(call.pass_index, codec.sh_degree); j++) {
-        let g = group_of_pass(call.pass_index, j);
-        let first = leaf * codec.channels + first_channel(g, codec.channels);
-        for (var c = 0u; c < channels_of(g); c++) {
-            let prediction = predicted(leaf, g, c);
+    for (var j = 0u; j < call.groups; j++) {
+        let number = call.first_group + j;
+        let own = codec.groups[number];
+        let first = leaf * codec.channels + own.first;
+        for (var c = 0u; c < own.channels; c++) {
+            let prediction = predicted(leaf, number, c);
             if (add) {
                 latent_rows[first + c] += prediction;
             } else {

@@ -7,17 +7,15 @@
 
 @compute @workgroup_size(64)
 fn transform(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
-    let groups = groups_of_pass(call.pass_index, codec.sh_degree);
     let task = group_index(group) * 64u + lane;
-    if (task >= call.count * groups) {
+    if (task >= call.count * call.groups) {
         return;
     }
-    let merge = merges[call.first + task / groups];
-    let g = group_of_pass(call.pass_index, task % groups);
-    let first = first_channel(g, codec.channels);
-    let left = merge.left * codec.channels + first;
-    let right = merge.right * codec.channels + first;
-    for (var c = 0u; c < channels_of(g); c++) {
+    let merge = merges[call.first + task / call.groups];
+    let own = codec.groups[call.first_group + task % call.groups];
+    let left = merge.left * codec.channels + own.first;
+    let right = merge.right * codec.channels + own.first;
+    for (var c = 0u; c < own.channels; c++) {
         let difference = latent_rows[right + c] - latent_rows[left + c];
         latent_rows[left + c] += difference * merge.share;
         latent_rows[right + c] = difference;
