@@ -141,7 +141,8 @@ fn defining(
         if known.contains_key(front) {
             return Some(front.to_vec());
         }
-        let other = aliases.get(front).filter(|&other| other != front)?;
+        // A module within a file names what is beside it with `super`.
+        let other = aliases.get(front).filter(|&o| aliases.get(o).is_none_or(|o| o != front))?;
         defining(&[other, &path[n..]].concat(), known, aliases)
     })
 }
