@@ -217,8 +217,7 @@ TEMPLATE = """# In Python
 
 ## From nothing
 
-An empty environment and an empty cargo target folder; crates and wheels come from the network or from its
-caches. The aim is 5 minutes on 2 cores, and a wheel of at most 6 MB.
+An empty environment and an empty cargo target folder. The aim is 5 minutes on 2 cores, and a wheel of at most 6 MB.
 
 | | |
 |---|---|
@@ -226,9 +225,8 @@ caches. The aim is 5 minutes on 2 cores, and a wheel of at most 6 MB.
 
 ## How fast
 
-Seconds, the best of {runs} runs each, in turn. `more` is the median over pairs of consecutive runs. The command
-encodes without file I/O and decodes a PLY to /dev/null; `gsvx.compress` writes arrays to a file,
-`gsvx.decompress` reads a file into arrays. The streams are byte for byte the same. The aim is 10 % more at most.
+Seconds, the best of {runs} runs each, in turn; `more` is the median over pairs of consecutive runs. The command encodes
+without file I/O and decodes a PLY to /dev/null; Python goes from arrays to a file and back. The aim is 10 % more at most.
 
 | model, Gaussians | | command | Python | more |
 |---|---|---:|---:|---:|
@@ -236,9 +234,8 @@ encodes without file I/O and decodes a PLY to /dev/null; `gsvx.compress` writes 
 
 ## How much memory
 
-Peaks of the processes in MB, the best of {runs}. `base` is Python with numpy and the package before the call,
-without the arrays; `beyond` is what Python takes beyond the command, the arrays and the base; the aim
-is 0 at most.
+Peaks of the processes in MB, the best of {runs}. `base` is Python with numpy and the package before the call; `beyond`
+is what Python takes beyond the command, the arrays and the base. The aim is 0 at most.
 
 | model, Gaussians | | command | arrays | base | Python | beyond |
 |---|---|---:|---:|---:|---:|---:|
@@ -246,9 +243,9 @@ is 0 at most.
 
 ## How safe
 
-`pytest crates/gsvx-py/tests`: {tests}. Of 1,000 streams with random damage,
-`decompress_bytes` and `open` decode each as if it were whole or raise `gsvx.Error`. The streams of 19 sets of
-options are those of the command.
+`pytest crates/gsvx-py/tests`: {tests}. The package decodes each of 1,000 streams
+with random damage as if it were whole, or raises `gsvx.Error`. The streams of 19 sets of options are those of the
+command.
 """
 
 if __name__ == "__main__":

@@ -28,7 +28,7 @@ pub(crate) fn run(args: &DeterminismArgs) -> Result<()> {
     let web = needs::all(&[Need::Target(WASM), Need::Node]).err().map(|e| e.to_string());
     let arm = match args.strict {
         true => needs::all(&ON_ARM).err().map(|e| e.to_string()),
-        // They are large.
+        // The tools for Arm are large, so they are used only if they are there.
         false => ON_ARM.iter().find_map(Need::missing),
     };
     let skipped: Vec<&String> = web.iter().chain(&arm).collect();

@@ -246,8 +246,8 @@ fn write(out: &Path, args: &ForgedArgs, outcomes: &[Outcome]) -> Result<()> {
     }
     page.table(&table);
     page.text(
-        "The first three agree on every float and on every word of every error, of the golden streams too, and the first two and the last three on \
-         every scene. Memory is the most that the process had; in WebAssembly, that of the instance.",
+        "All agree on every scene that came out, the first three also on every word of every error, of the golden \
+         streams too. Memory is the most that the process had; in WebAssembly, that of the instance.",
     );
     page.write()
 }

@@ -39,7 +39,7 @@ pub(crate) struct TrainArgs {
 /// If the scene has no points or no photos, or the model cannot be written.
 pub(crate) fn run(args: &TrainArgs) -> Result<()> {
     let dir = scenes::dir_of(&args.scene).unwrap_or_else(|_| args.scene.clone().into());
-    // A folder that is not there is said first.
+    // A missing folder is the first error.
     let views = dataset::open_views(&dir)?;
     let points = dataset::open_points(&dir)?;
     let (mut training, mut held_out) = (Vec::new(), Vec::new());
@@ -89,7 +89,7 @@ pub(crate) fn run(args: &TrainArgs) -> Result<()> {
     })?;
     bar.done();
     gs_model::ply::write(&out, &trained.scene)?;
-    // It holds nothing that the model does not.
+    // The model is complete: its checkpoint is no longer needed.
     let _ = std::fs::remove_file(&checkpoint);
     let score = measure::score("held-out photos", &trained.scene, &held_out);
     println!(

@@ -173,7 +173,7 @@ impl GsvxCommand {
         let said: Value = said.json()?;
         let score = |of: &Value| ViewScore {
             view: of["name"].as_str().unwrap_or_default().to_owned(),
-            // Equal pictures have none.
+            // The PSNR of equal pictures is infinite, which JSON cannot hold.
             psnr_db: of["psnr"].as_f64().unwrap_or(f64::INFINITY),
             ssim: of["ssim"].as_f64().unwrap_or(f64::NAN),
             ssimulacra2: of["ssimulacra2"].as_f64().unwrap_or(f64::NAN),

@@ -194,7 +194,7 @@ fn lean(thin: &ThinnedScene, ring: &Ring) -> Option<DVec3> {
     let sees_half: [f64; 8] = std::array::from_fn(|eighth| sees(at(eighth, 20.0)));
     let mut best = (None, LEANING * upright);
     for eighth in 0..8 {
-        // Four eighths further is the other way.
+        // The direction four eighths further is the opposite one.
         let (here, other) = (sees_half[eighth], sees_half[(eighth + 4) % 8]);
         if other >= OTHER_WAY * upright || here <= LEANING_HALF * upright {
             continue;

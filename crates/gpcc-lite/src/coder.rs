@@ -39,7 +39,7 @@ const LOWEST: u32 = 1 << 16;
 pub trait Coder {
     /// True for the encoder.
     const ENCODING: bool;
-    /// False if nothing comes of what is coded, so that a model may leave it out.
+    /// False if the coder drops what it codes, so that callers may skip work for it.
     const HEARD: bool = true;
 
     /// Codes a decision whose probability of being true is `p1 / 2^15`, `0 < p1 < 2^15`.

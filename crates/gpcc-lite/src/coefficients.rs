@@ -259,7 +259,7 @@ impl RowCoder {
             let state = match before {
                 0 if group + 1 == groups => 3,
                 0 => 0,
-                // Not twice the sum: that may not fit 32 bits.
+                // Half of `first` is compared, because twice the sum may not fit 32 bits.
                 _ => 1 + usize::from(before as usize > first / 2),
             };
             let model = state * CLASSES + class_of(self.expected[row as usize][3]);

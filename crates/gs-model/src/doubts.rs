@@ -181,7 +181,7 @@ impl CoarseSteps {
         }
     }
 
-    /// What was found, if it shows.
+    /// The coarse Gaussians, if there are enough to be seen.
     pub(crate) fn found(&self) -> Option<Coarse> {
         let n = self.coarse as f64;
         let typical = |sum: f64| libm::exp(sum / n);

@@ -110,7 +110,7 @@ impl Scene {
 }
 
 /// Whether a Gaussian has no extent at all: its three log-scales are those that [`Scene::clamp_limits`] gives a point.
-/// Its size says nothing about those of a model.
+/// The size of such a Gaussian says nothing about the sizes in a model.
 #[must_use]
 pub fn is_point(log_scales: [f32; 3]) -> bool {
     log_scales.iter().all(|&s| s <= POINT)

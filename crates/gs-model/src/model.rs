@@ -17,7 +17,7 @@ use crate::scene::Scene;
 pub fn read(path: impl AsRef<Path>, options: &ReadOptions) -> Result<(Scene, Report)> {
     let path = path.as_ref();
     if let Some(start) = start(path)? {
-        // Before a large file is in memory.
+        // A file that is no model is refused before it is read into memory.
         foreign::refuse(path, &start).map_or(Ok(()), Err)?;
         if Format::of(path, &start) == Some(&ply::FORMAT) {
             return ply::read_with(path, options);

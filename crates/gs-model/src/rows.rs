@@ -118,7 +118,7 @@ mod tests {
 
     #[test]
     fn rows_that_no_memory_holds_are_an_error_that_counts_them() {
-        // On 32 bits no claim is larger.
+        // On 32 bits, `usize::MAX` is the largest claim.
         const CLAIM: usize = if usize::BITS > 32 { usize::MAX >> 24 } else { usize::MAX };
         let fill = |_, _: SceneMut<'_>| unreachable!("there are no rows");
         let error = scene(Path::new("a.ply"), CLAIM, 3, fill).unwrap_err();

@@ -63,7 +63,7 @@ pub(crate) fn run(args: &CompareArgs, report: Reporter) -> Result<()> {
     let (mut b, _) = args.reading.any(&args.model)?;
     // Both relative to one place: the origin of the one that has one.
     let place = if a.origin == [0.0; 3] { b.origin } else { a.origin };
-    // The format of the second may have lost it.
+    // The format of the second model may have lost the origin.
     let lost = a.origin != b.origin && b.origin == [0.0; 3];
     let unmoved = lost.then(|| b.means.clone());
     [&mut a, &mut b].into_iter().for_each(|scene| scene.move_origin(place));

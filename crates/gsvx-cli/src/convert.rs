@@ -101,7 +101,7 @@ pub(crate) fn run(args: &ConvertArgs, report: Reporter) -> Result<()> {
         let (mut scene, file) = args.reading.any(&args.input)?;
         notes = file.sentences();
         if format.name == SPZ && args.reading.model.axes == Axes::Keep {
-            // Writing turns it back.
+            // Writing SPZ turns the scene again, back to the axes that it had.
             spz::turn(&mut scene);
         }
         let sh_degree = scene.sh_degree.min(format.max_sh_degree);

@@ -185,7 +185,7 @@ pub(crate) fn run(args: &EncodeArgs, report: Reporter) -> Result<()> {
             Err(why) if room.memory.is_some() => {
                 return Err(usage(format!("--memory: {}", chain(&why))));
             }
-            // The machine may have the memory after all.
+            // Without the flag the scene is encoded in memory, which may suffice.
             Err(_) => {}
         }
     }

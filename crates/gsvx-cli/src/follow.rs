@@ -16,7 +16,7 @@ pub(crate) struct Follower {
 }
 
 impl Follower {
-    /// Of a run of so many steps.
+    /// Follows a run of `steps` steps.
     pub(crate) fn new(steps: u64, backend: &BackendReport) -> Self {
         let (bar, begun) = (Meter::new("tune", steps as usize), backend.used);
         Self { bar, begun, backend: begun }

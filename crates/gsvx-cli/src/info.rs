@@ -90,7 +90,7 @@ fn describe_stream(
         let share = 100.0 * n as f64 / total.max(1) as f64;
         line(format!("  {part:<16} {n:>12} {:>14.2} {share:>6.1}%", per(n)));
     }
-    // Of a larger stream the head alone is read.
+    // Of a larger stream only the head is read.
     let is_compared = total.min(have) <= LARGE;
     let mut faults =
         if is_compared { gsvx::faults(bytes).with_context(|| name.clone())? } else { Vec::new() };

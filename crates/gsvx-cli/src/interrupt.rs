@@ -46,6 +46,6 @@ pub(crate) fn is_the_end() {
 
 /// From here on an interruption sets this flag, for work that then stops by itself, instead of ending the process.
 pub(crate) fn sets(flag: Arc<AtomicBool>) {
-    // A command does such work once.
+    // A command sets the flag once, so `set` cannot fail.
     let _ = CANCEL.set(flag);
 }

@@ -33,7 +33,7 @@ impl Ledger {
     pub(crate) fn close() -> (MutexGuard<'static, Self>, String) {
         let mut ledger = ledger();
         for path in ledger.pending.drain(..) {
-            // Best effort.
+            // The process ends, so that an error could not be reported.
             let _ = if path.is_dir() {
                 std::fs::remove_dir_all(path)
             } else {

@@ -104,7 +104,7 @@ fn run(cli: &Cli) -> anyhow::Result<()> {
         memory::return_soon(&args.scene.inputs);
     }
     interrupt::install()?;
-    // A viewer waits.
+    // `view` serves until it is ended, so it has no progress to show.
     if !matches!(cli.command, Command::View(_)) {
         progress::watch();
     }

@@ -302,7 +302,7 @@ impl OutputFolder {
         let target = check(&path, true, inputs)?;
         let name = path.display().to_string();
         let failed = |e| not_written(&name, e);
-        // While an interruption empties the folder nothing is added.
+        // The ledger is locked, so that no file is added while an interruption empties the folder.
         let created = {
             let _ledger = ledger();
             File::create(&waits)

@@ -19,7 +19,7 @@ pub(crate) fn watch() {
         return;
     }
     let started = Instant::now();
-    // It ends with the process.
+    // The thread ends with the process.
     std::thread::spawn(move || {
         std::thread::sleep(FIRST_LINE);
         loop {
@@ -65,7 +65,7 @@ impl Meter {
         self.bar.inc(1);
     }
 
-    /// So many steps are done, and this is to be said of them.
+    /// Sets the number of steps that are done, and the message beside it.
     pub(crate) fn set(&self, done: u64, message: String) {
         self.bar.set_position(done);
         self.bar.set_message(message);

@@ -26,7 +26,7 @@ pub(crate) fn number(text: &str, fits: impl Fn(&f64) -> bool, usage: &str) -> Re
     text.parse().ok().filter(fits).ok_or_else(|| usage.into())
 }
 
-/// As many numbers as an array has.
+/// Reads `N` numbers between separators.
 pub(crate) fn list<T: FromStr, const N: usize>(text: &str, separator: char) -> Option<[T; N]> {
     let parts = text.split(separator).map(|part| part.trim().parse().ok());
     parts.collect::<Option<Vec<T>>>()?.try_into().ok()

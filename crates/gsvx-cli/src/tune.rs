@@ -237,13 +237,13 @@ impl TuneArgs {
         Ok(())
     }
 
-    /// Where to compute, said unless nobody asked.
+    /// Where to compute. A note says it, unless the default is used.
     fn backend(&self) -> Result<Backend> {
         if let (Profile::Rate, None) = (self.profile, self.backend) {
             return Ok(Backend::Cpu);
         }
         let wanted = self.backend.unwrap_or_default();
-        // Whoever asked for a GPU should not wait to hear that there is none.
+        // The note comes before the run, so that a user who asked for a GPU learns at once that there is none.
         note(format_args!("backend: {}", finetune::backend::choose(wanted)?.reason));
         Ok(wanted)
     }
@@ -298,7 +298,7 @@ pub(crate) fn run(args: &TuneArgs, report: Reporter) -> Result<()> {
         return paper_tune::run(&args.paper, job, report);
     }
     tuned(args, scene, targets, backend, |outcome| {
-        // A target that is no quality has one output.
+        // A run with a target in bytes or dB has one output.
         let at = outputs.iter().position(|(quality, _)| *quality == outcome.quality);
         let (quality, output) = outputs.remove(at.unwrap_or(0));
         outputs.retain(|(other, _)| *other < quality);
@@ -521,7 +521,7 @@ mod tests {
 
     #[test]
     fn a_loss_is_what_was_added() {
-        // Against renders of the input, all error was added.
+        // Compared with renders of the input itself, the tune has added all of the error.
         assert!((loss(30.0, f64::INFINITY) - 30.0).abs() < 1e-9);
         // 3 dB below 30 dB is as much again as there was.
         assert!((loss(26.9897, 30.0) - 30.0).abs() < 1e-3);

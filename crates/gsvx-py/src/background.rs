@@ -46,7 +46,7 @@ pub(crate) struct Line {
 impl Line {
     pub(crate) fn tell(&self, event: Event) {
         if self.heard {
-            // Nobody waits after an interruption.
+            // After an interruption the receiver is gone.
             let _ = self.sender.send(event);
         }
     }

@@ -40,7 +40,7 @@ def test_a_thousand_corruptions_are_exceptions(small):
     for i in range(1000):
         data = damaged(streams[i % len(streams)], rng)
         try:
-            # What is damaged may not be needed: a coarser level, say.
+            # The damage may be in a part that is not decoded, such as a coarser level.
             assert equal(gsvx.decompress_bytes(data), whole[i % len(streams)])
         except gsvx.Error as error:
             refused += 1

@@ -36,7 +36,7 @@ def test_the_curve_is_plotted(tmp_path):
     assert done.stdout.count(" dB") == 5
 
 
-def test_the_documented_default_was_an_old_one():
+def test_the_documented_default_is_the_default():
     assert f"(default: quality {gsvx.DEFAULT_QUALITY:g})" in gsvx.compress.__doc__
 
 

@@ -40,7 +40,7 @@ function end(stream, thrown) {
   try {
     if (!hasTrapped(thrown)) return stream.free();
   } catch {
-    // The error that came first is the one to hear of.
+    // The first error is the one to report.
   }
   try {
     renew();
@@ -238,7 +238,7 @@ async function inOrder(decoding, input) {
   const pieces = input.pieces();
   const ask = () => {
     const piece = pieces.next();
-    // Whoever waits for it hears of a failure.
+    // The code that awaits the promise handles its failure.
     piece.catch(() => {});
     return piece;
   };
@@ -306,7 +306,7 @@ async function byRanges(decoding, input) {
   const ask = (i) => {
     if (i >= wanted.length) return;
     requests[i] = fetched(...wanted[i]);
-    // Whoever waits for it hears of a failure.
+    // The code that awaits the promise handles its failure.
     requests[i].catch(() => {});
   };
   for (let i = 0; i < AHEAD; i += 1) ask(i);

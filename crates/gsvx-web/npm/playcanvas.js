@@ -149,7 +149,7 @@ export class GSVXResource extends GSplatResourceBase {
       texture.lock().set(scene[array].subarray(0, 4 * scene.count));
       texture.unlock();
     }
-    // The textures hold all from here on.
+    // The textures hold the data now.
     this.gsplatData.words = undefined;
   }
 

@@ -56,7 +56,7 @@ async function* chunks(name, stream, signal) {
     }
     ended = true;
   } finally {
-    // What is not wanted any more need not arrive.
+    // The rest of the response is not needed.
     if (!ended) reader.cancel().catch(() => {});
   }
 }

@@ -269,7 +269,7 @@ impl<'a> Decoder<'a> {
         let wanted: Vec<usize> = this.index.chunks_of_lod(lod).collect();
         // The index has at most 2^20 chunks of at most 2^32.
         let points = wanted.iter().map(|&i| this.index.chunks[i].count).sum::<u64>();
-        // What follows the stream makes it no larger.
+        // Bytes behind the stream do not count towards its length.
         let of_stream = bytes.len().min(this.index.stream_len());
         check_limit(points, options.max_gaussians, of_stream, sh_degree)?;
         let mut first = 0;
@@ -322,7 +322,7 @@ impl<'a> Decoder<'a> {
     fn compare(&self, chunk: usize, number: usize, layer: Layer) -> Result<()> {
         let Range { start, end } = layer.range();
         if end > self.bytes.len() {
-            // The error of what is missing; nothing is read.
+            // `read` returns the error that names the missing bytes.
             return self.bytes.read(start..end, "a chunk").map(drop);
         }
         let mut found = 0;

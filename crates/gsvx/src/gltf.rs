@@ -16,7 +16,7 @@ use gs_model::{Codec, Scene, chain};
 /// What decodes primitives of glTF that hold a stream.
 pub static CODEC: Codec = Codec {
     extension: "GSVX_gaussian_splatting_compression",
-    // Of which SH degree they are is not known yet.
+    // The SH degree is not known yet, so the bound is that of degree 3.
     most: |bytes| default_max_gaussians(bytes, 3),
     decode: of_primitive,
 };

@@ -174,7 +174,7 @@ impl Reader {
         let index = Index::parse(front)?;
         let empty = |c: &crate::Chunk| vec![Buffer::default(); c.layers.len()];
         self.layers = index.chunks.iter().map(empty).collect();
-        // What has arrived beyond the head.
+        // Bytes that have arrived beyond the head belong to layers.
         for piece in std::mem::take(&mut self.start).pieces {
             put_layers(&index, &mut self.layers, piece.start, &piece.bytes);
         }

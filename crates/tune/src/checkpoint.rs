@@ -217,7 +217,7 @@ impl<'a> StateReader<'a> {
         if scene.len() as u64 == n { Ok(scene) } else { Err(self.error("length of a scene")) }
     }
 
-    /// So many numbers of steps.
+    /// Reads `len` numbers of steps.
     pub(crate) fn steps(&mut self, len: usize) -> Result<Vec<u32>> {
         let read = self.list(u32::from_le_bytes)?;
         if read.len() == len { Ok(read) } else { Err(self.error("steps differ in number")) }

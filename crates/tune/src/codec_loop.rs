@@ -22,7 +22,7 @@ use crate::scene_loop::decay;
 /// Adam's rates of the channels at the first step, divided by the quantisation step of the DC values: ln(alpha), DC,
 /// the other SH coefficients, covariance. So a value moves by the same part of its quantisation step at each quality.
 const RATES: [f32; 4] = [0.105, 0.032, 0.0042, 0.053];
-/// Rates keep their value in this first part of the loop, then they fall to a fraction: see docs/results/tune.md.
+/// Rates keep their value in this first part of the loop, then they fall to a fraction: see `plan`.
 const HELD: f64 = 0.7;
 const FINAL_RATE: f64 = 0.05;
 /// The codec runs, and the bits have a gradient, once in this many steps.

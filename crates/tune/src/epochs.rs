@@ -68,7 +68,7 @@ mod tests {
         let flat = of(&[20.0, 20.005, 19.0, 20.009]);
         assert_eq!(flat.stop(None, Some(3)), Some(StopReason::NoImprovement));
         assert_eq!((flat.stop(None, Some(4)), flat.stop(None, None)), (None, None));
-        // Not within a pass.
+        // A run does not end within a pass.
         let mut within = flat.clone();
         within.add(30.0, 2);
         assert_eq!((within.psnr(), within.stop(Some(1.0), Some(1))), (Some(20.009), None));

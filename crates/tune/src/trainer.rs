@@ -99,7 +99,7 @@ impl Trainer {
         cancel: Option<Arc<AtomicBool>>,
     ) -> Result<Self> {
         let backend = backend::choose(wanted)?;
-        // What is kept before the first step follows in `run`.
+        // The state to fall back to is kept in `run`, before the first step.
         let may_fall_back = wanted == Backend::Auto && backend.used == Backend::Gpu;
         Ok(Self {
             views,
@@ -349,7 +349,7 @@ mod tests {
             );
             assert_eq!(told.last(), Some(&(50, Backend::Cpu)));
         }
-        // Also where a run before it ended well on the GPU.
+        // The same holds after a run that ended well on the GPU.
         let mut trainer = trainer(Backend::Gpu, true, None);
         trainer.run(&mut Sum { fails_after: 1000, ..Sum::default() }, |_| ()).unwrap();
         trainer.run(&mut Sum { fails_after: 11, ..Sum::default() }, |_| ()).unwrap();

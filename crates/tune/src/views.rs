@@ -31,8 +31,7 @@ const JUDGED: usize = 12;
 const JUDGED_AROUND: u32 = 4;
 const JUDGED_EDGE: f64 = 320.0;
 
-/// What a run minimises. SSIM keeps structure that the squared error blurs; docs/results/tune.md has what it saves and
-/// costs.
+/// What a run minimises. SSIM keeps structure that the squared error blurs; `plan` has what it saves and costs.
 const LOSS: Loss = Loss::mse_ssim(0.01);
 
 /// How much nearby views count.
@@ -50,18 +49,18 @@ struct Share {
 const BESIDE_RENDERS: Share = Share { of_steps: 0.5, of_gradients: 1.0, of_pixels: 1.0 };
 /// Beside photos they count less, because photos are better targets than renders. At a high quality the codec loses
 /// little, and a stream differs from its input mostly because it follows the photos. So the share grows between the two
-/// qualities of `GROWS_BETWEEN`: see docs/results/tune.md.
+/// qualities of `GROWS_BETWEEN`: see `plan`.
 const BESIDE_PHOTOS: Share = Share { of_steps: 0.125, of_gradients: 0.1, of_pixels: 0.1 };
 const BESIDE_PHOTOS_AT_HIGH: Share = Share { of_steps: 0.5, of_gradients: 3.0, ..BESIDE_PHOTOS };
 const GROWS_BETWEEN: [f32; 2] = [50.0, 90.0];
 
 impl Share {
-    /// That of the steps of a run to photos at a quality.
+    /// The share of nearby views in a run to photos at a quality.
     fn at(quality: f32) -> Self {
         let (few, many) = (BESIDE_PHOTOS, BESIDE_PHOTOS_AT_HIGH);
         let [from, to] = GROWS_BETWEEN.map(f64::from);
         let part = ((f64::from(quality) - from) / (to - from)).clamp(0.0, 1.0);
-        // Each point of quality multiplies by the same.
+        // Each point of quality multiplies the share by the same factor.
         let between = |a: f64, b: f64| a * libm::pow(b / a, part);
         let of_gradients = between(few.of_gradients.into(), many.of_gradients.into()) as f32;
         Self { of_steps: between(few.of_steps, many.of_steps), of_gradients, ..few }

@@ -11,7 +11,7 @@ use crate::order::cell_end;
 pub(crate) struct OccupiedCell<'a, M> {
     /// Morton codes at `j_high`.
     pub(crate) codes: &'a [u64],
-    /// As many members.
+    /// One member for each code.
     pub(crate) members: &'a [M],
 }
 

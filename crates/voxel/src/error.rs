@@ -11,7 +11,7 @@ pub enum Error {
         index: usize,
     },
     /// A mean lies outside the half-open cube.
-    #[error("Gaussian {index} lies outside the cube; take the cube of all means (Cube::of)")]
+    #[error("Gaussian {index} lies outside the cube; take the cube of all means (cube_of)")]
     OutsideCube {
         /// The first such Gaussian.
         index: usize,

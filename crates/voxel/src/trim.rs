@@ -95,7 +95,7 @@ pub fn trim(means: &[[f32; 3]], options: &Trim) -> Result<Trimmed> {
         let worth = (libm::exp2(2.0 * missing) - 1.0) / (2.0 * std::f64::consts::LN_2);
         outliers as f64 * options.bits_per_outlier + inside * worth * BITS_PER_MISSING_LEVEL
     };
-    // What an outlier costs in the octree of all means.
+    // The bits of an outlier that is kept in the octree of all means.
     let chain = f64::from(plain.j_high) * BITS_PER_LEVEL;
     let whole = cost(&all, 0);
     let mut best = plain;

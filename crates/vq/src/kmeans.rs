@@ -142,7 +142,7 @@ mod tests {
     #[test]
     fn dead_centres_come_back() {
         let (points, weights) = random_points(200, 8);
-        // Far away, all on one spot: none is ever nearest but the first.
+        // All centres but the first lie on one far spot, so that no point is nearest to them.
         let mut centres = vec![[9.0; 6]; 40];
         centres[0] = [0.5; 6];
         train(&points, &weights, &mut centres);

@@ -37,9 +37,9 @@ pub(crate) struct ConformanceArgs {
 
 /// The result of a check that did not fail.
 enum Verdict {
-    /// It holds; with figures.
+    /// The check holds; with figures.
     Holds(String),
-    /// It could not be made here; why.
+    /// The check could not run here; why.
     Skipped(String),
 }
 
@@ -55,7 +55,7 @@ impl Tally {
     /// Makes one check and prints its line.
     fn check(&mut self, name: &str, work: impl FnOnce() -> Result<Verdict>) {
         let started = Instant::now();
-        // A panic is a failure of this check, not the end of the others.
+        // A panic fails this check; the others go on.
         let outcome = catch_unwind(AssertUnwindSafe(work));
         let seconds = started.elapsed().as_secs_f64();
         match outcome {

@@ -32,9 +32,5 @@ pub(super) fn write(out: &Path, held: usize, broken: &[(&str, Findings)]) -> Res
          chunk is decoded it takes up to three times the memory of its Gaussians. A head of more than 64 MiB is refused \
          before it is read. Where the system has no memory the decoder returns an error.",
     );
-    page.text(
-        "100000 more, most with right checksums, go through Rust, WebAssembly, C, Python and npm: [forged.md](forged.md). \
-         Long runs of libFuzzer: [fuzz.md](fuzz.md).",
-    );
     page.write()
 }

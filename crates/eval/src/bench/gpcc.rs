@@ -44,10 +44,9 @@ pub fn run(options: &GpccOptions) -> Result<()> {
     let peers: Vec<Peer> = text.lines().map(serde_json::from_str).collect::<Result<_, _>>()?;
     let mut page = Page::new(&options.out, "How does the point-cloud coder compare with TMC13?");
     page.text(
-        "`cargo xtask bench-gpcc`. TMC13 v23 is MPEG's test model of G-PCC, the coder that the paper uses; its figures \
-         are recorded (`tmc13.jsonl` beside the clouds). Ours are whole streams that decode correctly. Rates are bits \
-         per point. \"Authors\" are the settings of the paper's scripts, \"best\" is the smallest of all recorded \
-         option sets.",
+        "`cargo xtask bench-gpcc`: bits per point of whole streams, beside recorded figures of TMC13 v23, MPEG's \
+         test model of G-PCC, which the paper uses. \"Authors\" are the settings of the paper's scripts, \"best\" \
+         is the smallest of all recorded option sets.",
     );
     page.text("## Geometry");
     page.table(&of_geometry(dir, &peers)?);

@@ -34,7 +34,7 @@ const STEPS: [[&str; 4]; 12] = [
     ["decode", "decode", STREAM, "back.ply"],
     ["decode, SH degree 0", "decode --max-sh-degree=0", STREAM, "back.ply"],
     ["encode --lod", "encode --lod --no-estimate", MODEL, STREAM],
-    // What is beyond the coarsest level means the coarsest.
+    // A number beyond the coarsest level means the coarsest.
     ["decode of the coarsest level", "decode --lod=255", STREAM, "back.ply"],
     ["encode --memory 1G", "encode --memory=1G", MODEL, "other.gsvx"],
     ["plan", "plan", MODEL, PLAN],
@@ -88,9 +88,8 @@ pub fn run(options: &GsvxOptions) -> Result<()> {
     }
     let mut page = Page::new(&options.out, "How fast?");
     page.text(format!(
-        "`cargo xtask bench-gsvx {0} --sizes {1}` times the command as a whole process, with reading and writing of files, at \
-         the default quality and without cameras. Models are {0} replicated side by side, every float jittered a little. {2}. \
-         With `--memory` and in parts, scenes larger than memory are encoded: [scale.md](../scale.md).",
+        "`cargo xtask bench-gsvx {0} --sizes {1}`, at the default quality and without cameras. Models are {0} \
+         replicated side by side, every float jittered a little. {2}. Larger scenes: [scale.md](../scale.md).",
         options.scene,
         options.sizes.iter().map(ToString::to_string).collect::<Vec<_>>().join(","),
         manifest::machine(),

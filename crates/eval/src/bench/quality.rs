@@ -95,13 +95,12 @@ pub fn run(options: &QualityOptions) -> Result<()> {
     let least = least.map_or("none".into(), |(quality, _)| quality.to_string());
     let mut page = Page::new(&options.out, "What is lost?");
     page.text(
-        "`cargo xtask bench-quality`. Streams without cameras. PSNR, SSIM and SSIMULACRA2 compare renders of the stream with renders \
-         of the input (`gsvx compare`): at the held-out views of scenes with photos, at eight viewpoints around other \
-         models. \"Lost\" is how far the PSNR against the photos falls below that of the input.",
+        "`cargo xtask bench-quality`: streams without cameras. Scores compare renders of the stream with renders \
+         of the input: at the held-out views of scenes with photos, at eight viewpoints around other models. \"Lost\" is how far the PSNR against the photos falls below that of the input.",
     );
     page.text(format!(
         "The default quality is the lowest that is \"enough\" on all these models: {ENOUGH_DB} dB and an \
-         SSIMULACRA2 of {ENOUGH_SSIMULACRA2} (high quality, by its scale) or more at every view, an SSIM of {ENOUGH_SSIM} \
+         SSIMULACRA2 of {ENOUGH_SSIMULACRA2} or more at every view, an SSIM of {ENOUGH_SSIM} \
          or more, and {MOST_LOST_DB} dB or less lost against photos. Of the qualities measured, that is {least}. The default is {}.",
         ::gsvx::DEFAULT_QUALITY
     ));
@@ -124,7 +123,7 @@ fn model_files(folder: &Path) -> Result<Vec<PathBuf>> {
     for entry in entries {
         let path = entry?.path();
         let known = path.extension().is_some_and(|e| e == "ply" || e == "spz" || e == "splat");
-        // Forms of one model that another file has too.
+        // Of a model in several formats, only the SPZ file is taken.
         let twin = path.with_extension("").with_extension("spz");
         if known && (path == twin || !twin.exists()) {
             files.push(path);

@@ -62,8 +62,7 @@ pub fn run(options: &RealSizeOptions) -> Result<()> {
     let models = options.models.iter().map(|word| Model::open(word)).collect::<Result<Vec<_>>>()?;
     let mut page = Page::new(&options.out, "Real size?");
     page.text(format!(
-        "`cargo xtask bench-real-size {} --efforts {}` runs whole commands of gsvx, files included. {}. Seconds are wall \
-         clock; CPU are the user seconds of all threads.",
+        "`cargo xtask bench-real-size {} --efforts {}`. {}.",
         options.models.join(" "),
         options.efforts.join(","),
         manifest::machine(),
@@ -74,11 +73,9 @@ pub fn run(options: &RealSizeOptions) -> Result<()> {
         page.table(&table);
     }
     page.text(
-        "L-GSC has as many steps of position along an axis for any model. Some Gaussians of office lie 70,000 units away, \
-         so a step along z is half a unit at level 0 and two units at level 2. The size of L-GSC is that of streams \
-         written here; its time is not measured.",
+        "L-GSC has as many steps of position along an axis for any model. Some Gaussians of office lie 70,000 \
+         units away, so a step along z is half a unit at level 0 and two units at level 2.",
     );
-    page.text("How time and memory grow with the number of Gaussians: [speed.md](speed.md).");
     page.write()
 }
 

@@ -38,8 +38,8 @@ pub fn run(options: &SizeOptions) -> Result<()> {
     let sizes = runs.iter().map(|r| format!("{} {}", r.scene, r.original.gaussians));
     let mut page = Page::new(&options.out, "How small?");
     page.text(format!(
-        "`cargo xtask bench-size {}`: no fine-tune, sizes of whole streams, scores as means over the held-out views against \
-         the photos. Gaussians: {}. Other codecs are recorded beside the scenes, or else written and measured here.",
+        "`cargo xtask bench-size {}`: no fine-tune. Gaussians: {}. Other codecs are recorded beside the scenes, or \
+         else written and measured here.",
         scenes.join(" "),
         sizes.collect::<Vec<_>>().join(", "),
     ));
@@ -47,15 +47,11 @@ pub fn run(options: &SizeOptions) -> Result<()> {
     let title = format!("{}: PSNR over size", first.scene);
     page.chart("", curves_and_others(title, first, Metric::Psnr));
     page.text(
-        "BD-rate of gsvx with cameras, %, by PSNR / SSIM / SSIMULACRA2: by pchip on the hulls of the points. A dash: not \
-         recorded, or no common range.",
+        "BD-rate of gsvx with cameras, %, by PSNR / SSIM / SSIMULACRA2. A dash: not recorded, or no common range.",
     );
     page.table(&against(&runs, &scenes));
     page.table(&points(&runs)?);
-    page.text(
-        "The strategies of voxelization: [voxel](../../crates/voxel/README.md). `cargo xtask rd-curve SCENE` writes all \
-         curves and pictures of a scene as one page.",
-    );
+    page.text("The strategies of voxelization: [voxel](../../crates/voxel/README.md).");
     page.write()
 }
 

@@ -41,9 +41,9 @@ pub(crate) enum Rule {
 /// What the codec's default knows of the cameras.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum CameraUse {
-    /// What they hardly see is left out.
+    /// Gaussians that the cameras hardly see are left out.
     DropUnseen,
-    /// They weigh each Gaussian.
+    /// The cameras weigh each Gaussian, and none is left out.
     KeepUnseen,
     /// Nothing.
     NoCameras,

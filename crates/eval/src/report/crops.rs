@@ -26,7 +26,7 @@ pub(crate) struct CropView {
 /// A picture of a view.
 pub(crate) struct Shown {
     pub(crate) image: Image,
-    /// On its button.
+    /// Text of its button.
     pub(crate) label: String,
     /// Below it.
     pub(crate) caption: String,

@@ -55,7 +55,7 @@ fn checked(input: &Input, mode: &'static str, size: usize) -> Result<Run, String
     let outcome = outcome.map_err(|_| broken("a panic".into()))?;
     let outcome = outcome.map_err(|why| broken(format!("{why:#}")))?;
     let run = Run { input: input.name, mode, outcome };
-    // NaN is no ratio either.
+    // A ratio of NaN is a failure too.
     match run.worst().iter().find(|w| w.1.is_nan() || w.1 > 1.0) {
         Some((what, ratio)) => Err(broken(format!("{what} {ratio}"))),
         None => Ok(run),

@@ -41,8 +41,7 @@ pub(super) fn page(args: &StressOptions, runs: &[Run], elapsed: Duration) -> Pag
         elapsed.as_secs_f64(),
     ));
     page.text(
-        "Each error is divided by its bound in [accuracy.md](../accuracy.md); the command fails above 1. A mean at the \
-         edge of its cell reaches 1. `--lossless` takes any floats, valid or not, and returns every bit.",
+        "Each error is divided by its bound in [accuracy.md](../accuracy.md); the command fails above 1. A mean at the edge of its cell reaches 1.",
     );
     let mut table = Table::new("attribute | runs | median error / bound | greatest | where");
     for Attribute { name, ratios } in attributes(runs) {

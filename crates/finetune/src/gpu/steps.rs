@@ -142,7 +142,7 @@ impl DeviceSteps {
             let u = u.of_band(band, *bands);
             let mut rest = &stages[..];
             let blend = stages.iter().position(|s| *s == GpuStage::Blend);
-            // Slower, but only a software adapter has a limit.
+            // Blending in parts is slower, but only software adapters have a limit.
             if let (Some(limit), Some(blend)) = (self.workspace.context.loop_limit, blend) {
                 self.workspace.run(&stages[..blend], &u, groups);
                 let tiles = (u.tiles_x * u.tiles_y) as usize;

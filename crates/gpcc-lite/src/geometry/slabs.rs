@@ -130,9 +130,9 @@ mod tests {
         let fits = slabs.fits(3, [6, 100, 100]);
         assert_eq!(fits, [1, 1, 1, 1, 4, 4, 4, 4]);
         assert_eq!(slabs.slab(3, 0, 6).state(), 4);
-        // Another depth and another index know nothing of it.
+        // The slab of another depth or another index has learned nothing.
         assert_eq!((slabs.fits(2, [6, 9, 9]), slabs.fits(3, [7, 9, 9])), ([0; 8], [0; 8]));
-        // Something else in the slab halves what is expected.
+        // A different node in the slab halves the expectation.
         slabs.learn(3, [6, 50, 50], 0b0000_0001);
         assert_eq!(slabs.slab(3, 0, 6).state(), 8 + 2);
     }

@@ -155,7 +155,7 @@ fn view(
     let (w, h) = (f64::from(width), f64::from(height));
     let of_angle = |angle: f64, size: f64| size / 2.0 / libm::tan(angle / 2.0);
     let of = |name: &str| values.get(name);
-    // A panorama needs none.
+    // A panorama has no focal length in its file.
     let panorama = lens.as_ref().filter(|l| l.model == PANORAMA).map(|_| w / 2.0);
     let angle = ["camera_angle_x", "camera_angle_y"].into_iter().filter_map(of);
     let full = angle.into_iter().find(|&angle| angle >= std::f64::consts::TAU);

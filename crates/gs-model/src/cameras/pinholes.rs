@@ -203,7 +203,7 @@ fn widened(camera: &Camera, rim: &[([f64; 2], f64)]) -> Camera {
     for &([x, y], angle) in rim {
         let r = libm::tan(angle);
         let at = [camera.fx * r * x + camera.cx, camera.fy * r * y + camera.cy];
-        // What is within a pixel is not worth another size.
+        // A difference of less than a pixel does not change the size.
         for (k, edge) in [(0, w), (1, h)] {
             if at[k] < -1.0 {
                 sides[2 * k] = at[k].min(sides[2 * k]);
@@ -358,7 +358,7 @@ mod tests {
                 let inside = bending.is_none_or(|b| {
                     let [x, y] = b.of_direction(seen.to_array()).unwrap_or([f64::NAN; 2]);
                     let on = |at: f64, edge: u32| (0.0..=f64::from(edge)).contains(&at);
-                    // A polynomial that turns back shows nothing there.
+                    // Where the polynomial of the distortion decreases, a photo shows nothing.
                     let turned =
                         model == "SIMPLE_RADIAL" && seen.truncate().length() > 1.05 * seen.z;
                     on(focal * x + camera.cx, size[0])

@@ -131,7 +131,7 @@ fn number_equals(views: &mut [View]) -> Option<String> {
                     break new;
                 }
             };
-            // Nothing tells whose the photo of that name is.
+            // The new name names no photo: nothing tells to which of the cameras the photo of the old name belongs.
             view.image_path.set_file_name(new.rsplit('/').next().unwrap_or_default());
             view.camera.name = new;
             count += 1;
@@ -299,7 +299,7 @@ fn of_sparse(dir: &Path, models: &[PathBuf]) -> Result<CameraSet> {
     }
     let counts: Vec<(String, usize)> =
         read.iter().map(|(model, cameras)| (name(model), cameras.len())).collect();
-    // Of equal ones the first.
+    // Of models with equal numbers of cameras, the first counts.
     let Some((model, cameras)) = read.into_iter().rev().max_by_key(|(_, cameras)| cameras.len())
     else {
         return Err(Error::not_a_dataset(
@@ -323,7 +323,7 @@ fn of_sparse(dir: &Path, models: &[PathBuf]) -> Result<CameraSet> {
     let mut finder = Finder::default();
     let view = |camera: Camera| {
         let found = match finder.find_in(&root, &camera.name)? {
-            // Some projects name photos from the scene's folder on.
+            // Some projects name photos by paths relative to the scene's folder.
             None => finder.find(root.parent().unwrap_or(Path::new("")), Path::new(&camera.name))?,
             found => found,
         };

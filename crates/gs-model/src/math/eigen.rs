@@ -167,7 +167,7 @@ mod tests {
             let a = axes_product(&rotation([0.9, 0.1, -0.2, 0.05]), d);
             let mut together = [[0.0; 8]; 6];
             for l in 0..8 {
-                // Of the others some take longer.
+                // Some of the other lanes take more sweeps.
                 let q = [0.3, l as f32, 0.5, -0.7];
                 let other = axes_product(&rotation(q), [l as f64, 1.0, 3.0]);
                 (0..6).for_each(|k| together[k][l] = if l == 2 { a[k] } else { other[k] });

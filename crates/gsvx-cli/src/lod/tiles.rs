@@ -90,7 +90,7 @@ impl Tree<'_, '_> {
         if scene.is_empty() {
             return Ok(None);
         }
-        // The tree has it.
+        // The tree of tiles holds the origin.
         scene.origin = [0.0; 3];
         let uri = format!("{}.glb", super::chunk_name(self.index, chunk));
         self.bytes += content(self.to, &uri, &scene)?;
@@ -117,7 +117,7 @@ fn content(to: &mut Folder<'_>, uri: &str, scene: &Scene) -> Result<u64> {
 fn bounds(scene: &Scene) -> [[f64; 3]; 2] {
     let mut all = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
     for (mean, log_scale) in scene.means.iter().zip(&scene.log_scales) {
-        // SPZ holds no larger one.
+        // SPZ holds no larger log-scale.
         let largest = log_scale.iter().copied().fold(f32::NEG_INFINITY, f32::max).min(6.0);
         let size = libm::exp(f64::from(largest));
         let [x, y, z] = mean.map(f64::from);
@@ -149,7 +149,7 @@ fn transform(site: Option<Site>, origin: [f64; 3]) -> Option<[f64; 16]> {
 fn tileset(roots: &[Node], transform: Option<[f64; 16]>) -> Value {
     let mut all = roots.first().map_or([[0.0; 3]; 2], |node| node.bounds);
     roots.iter().for_each(|node| widen(&mut all, node.bounds));
-    // Without the scene everything is missing.
+    // The error of showing no tile is the diagonal of the scene.
     let error = (0..3).map(|k| all[1][k] - all[0][k]).map(|v| v * v).sum::<f64>().sqrt();
     let mut root = json!({
         "boundingVolume": volume(all),

@@ -181,7 +181,7 @@ mod tests {
         let error = other.check_room(u64::MAX).unwrap_err().to_string();
         assert!(error.contains("--scratch"), "{error}");
         other.check_room(1000).unwrap();
-        // Nothing to go on with.
+        // An empty folder holds no work to go on with.
         drop(other);
         assert!(!at.exists());
         std::fs::create_dir(&at).unwrap();

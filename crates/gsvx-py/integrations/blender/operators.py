@@ -22,7 +22,7 @@ def _line(error, name, remedy):
         return f"{name}: the memory of this machine does not suffice; {remedy}"
     if isinstance(error, OSError):
         return f"{name}: {error.strerror or error}; check the path and its permissions"
-    # What to pass in Python is of no use here.
+    # Advice on arguments in Python does not help a user of Blender.
     text, *advice = str(error).split("; pass ")
     text = text.removeprefix("scene: ").removeprefix(f"{name}: ")
     return f"{name}: {text}; {remedy}" if advice or isinstance(error, gsvx.Error) else f"{name}: {text}"

@@ -138,9 +138,8 @@ ${cpus().length} cores; Node ${process.version}, Chromium ${version}.
 
 ## Beside another decoder
 
-In Node, one worker, a process of its own for each row, the best of three; load average ${loadavg()[0].toFixed(0)}. Processor time is that of all
-threads. Time and memory of gsvx include the compiling of WebAssembly; @adobe/spz is made ready before. Peak is the
-growth of the process's resident memory during the decoding, with the output.
+In Node, one worker, a process for each row, the best of three; load average ${loadavg()[0].toFixed(0)}. Time and memory of gsvx include the
+compiling of WebAssembly; @adobe/spz is made ready before. Peak is the growth of the resident memory, with the output.
 
 | decoder and output | seconds | processor, s | M Gaussians per processor second | output, MB | peak, MB | peak / output |
 |---|---:|---:|---:|---:|---:|---:|
@@ -152,15 +151,12 @@ ${row('@adobe/spz, version 4 (floats)', decode.spz4)}
 
 ## In a page
 
-Whole scenes in Chromium, one worker: seconds, and the growth of the page's own memory with the output, in MB and as a
-multiple of the output. A page's first decoding starts and compiles the decoder.
+Whole scenes in Chromium, one worker: seconds, and the growth of the page's memory in MB and as a multiple of the output.
+A page's first decoding starts and compiles the decoder.
 
 | decoding | seconds | M Gaussians/s | output, MB | growth, MB |
 |---|---:|---:|---:|---:|
 ${used}
-
-What is not output is about the same for any layout: the worker, WebAssembly's memory (${megabytes(decode.planar.memory)} MB), the compiled decoder,
-and the stream.
 
 ## Workers, and the page's own thread
 
@@ -173,13 +169,12 @@ ${Object.entries(shared).map(([layout, { one, two }]) => `| ${layout} | ${(one /
 While one worker decodes and chunks come in, the page's main thread is busy for at most ${longest.planar.toFixed(1)} ms (planar) and ${longest.packed.toFixed(1)} ms
 (packed) at a time, in the best of three runs.
 
-The aims are 0.8 M Gaussians per second with all SH in one worker, 16 ms of the main thread at a time, and a peak of 1.3
-times the output.
+The aims are 0.8 M Gaussians per second in one worker, 16 ms of the main thread, and a peak of 1.3 times the output.
 
 ## Over a link of 10 Mbit/s
 
-Seconds in Spark 2.2.0 until a first whole picture can be drawn (of .gsvx: the coarse level) and until all is there,
-without the drawing. SPZ keeps nearly all of the model; the stream has quality 50 ([quality.md](quality.md)).
+Seconds in Spark 2.2.0, without the drawing, until a first whole picture can be drawn (of .gsvx: the coarse level) and
+until all is there. SPZ keeps nearly all of the model; the stream has quality 50 ([quality.md](quality.md)).
 
 | file | first picture | all |
 |---|---:|---:|

@@ -104,7 +104,7 @@ test('a single object is whole in the first view', { skip, timeout: 400000 }, as
 });
 
 test('gsvx view starts at the first camera of gsvx render --orbit', { skip, timeout: 400000 }, async () => {
-  // Beside no cameras.
+  // A folder without cameras.
   const alone = mkdtempSync(join(tmpdir(), 'gsvx-alone-'));
   const file = join(alone, 'sphere.gsvx');
   sphere(join(alone, 'sphere.splat'));

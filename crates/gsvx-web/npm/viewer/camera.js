@@ -75,7 +75,7 @@ export class Camera {
       this.finish(away);
       return;
     }
-    // As high above the horizon where something else is up.
+    // The height above the horizon stays the same when the direction of up changes.
     const height = offset.dot(up) / distance;
     const level = offset.clone().addScaledVector(this.up, -offset.dot(this.up));
     if (level.length() < 0.3 * distance) level.copy(up);

@@ -72,7 +72,7 @@ export class Levels {
     const wanted = layers.slice(0, 1 + this.decoding.shDegree);
     const [start, end] = [wanted[0][0], wanted.at(-1)[0] + wanted.at(-1)[1]];
     const bytes = this.fetched(start, end).then((data) => ({ start, data, layers: wanted.length }));
-    // Whoever waits for it hears of a failure.
+    // The code that awaits the promise handles its failure.
     bytes.catch(() => {});
     return bytes;
   }
@@ -105,7 +105,7 @@ export class Levels {
     this.decoding.stream.forget(chunk);
     this.emit({ type: 'loaded', chunk, isGood: entry.shown > 0, skipped: this.decoding.skipped.splice(0) });
     this.decoding.progress();
-    // What the page wants by now comes first.
+    // Messages of the page are handled before the next chunk.
     await new Promise((resolve) => setTimeout(resolve));
   }
 }

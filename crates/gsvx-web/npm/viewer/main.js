@@ -23,7 +23,7 @@ function show() {
   $('welcome').hidden = Boolean(one);
   $('panel').hidden = !one || isHidden;
   if (!one) return;
-  // What is the same of both is said once.
+  // A value that both scenes share is shown once.
   const both = (f) => [...new Set(slots.filter((s) => s.stop).map(f))].join(' | ');
   $('title').textContent = two ? `${one.name} | ${two.name}` : one.name;
   document.title = $('title').textContent;

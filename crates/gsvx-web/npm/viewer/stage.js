@@ -109,7 +109,7 @@ export class Stage {
     const divider = $('divider');
     divider.onpointerdown = (event) => {
       divider.setPointerCapture(event.pointerId);
-      // Or the camera turns instead.
+      // Otherwise the camera would turn.
       event.stopPropagation();
     };
     divider.onpointermove = (event) => divider.hasPointerCapture(event.pointerId) && this.split((100 * event.clientX) / innerWidth);

@@ -72,7 +72,7 @@ impl ChunkValues {
             prediction.add(skeleton, below.last(), rows);
         }
         coder.finish().map_err(coding("attribute"))?;
-        // Not before: until here the degrees before are what is decoded.
+        // The degree counts as decoded only now, when all of its values are whole.
         self.sh_degree = number;
         Ok(())
     }

@@ -95,7 +95,7 @@ fn encode_once(
         whole: None,
     };
     let options = &CodeOptions { uniform_precision: true, ..*options };
-    // What saves bits on average makes single errors large.
+    // The quantiser's trade of errors for bits is off: it makes single errors large.
     let coding = Coding { lambda: Some(0.0), ..Coding::new(steps, options) };
     encode_source(&source, Some(&outliers), coding)
 }

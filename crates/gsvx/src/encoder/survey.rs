@@ -22,7 +22,7 @@ const COARSE_FOR_SMALL: f64 = 1.0;
 #[derive(Clone, Debug)]
 pub struct Survey {
     count: u64,
-    /// Those that are no points.
+    /// Gaussians that have an extent.
     sized: u64,
     low: [f32; 3],
     high: [f32; 3],

@@ -116,7 +116,7 @@ impl UnseenUnit {
             } else {
                 self.unseen += g;
             }
-            // Of 0 it is the first bin.
+            // A ratio of 0 falls into the first bin.
             let bin = BINS_PER_OCTAVE * libm::log2(s / g) + (BINS / 2) as f64;
             self.by_ratio[(bin.max(0.0) as usize).min(BINS - 1)] += g;
         }
@@ -302,7 +302,7 @@ mod tests {
             let most = 1e-3 * libm::exp2((50.0 - f64::from(quality)) / 6.0);
             assert!((0.1 * most..=1.001 * most).contains(&added), "{quality}: {added}");
         }
-        // A few are kept as well as ever.
+        // Where few Gaussians are unseen, they keep a sixteenth of their guessed importance.
         let seen: Vec<f32> = (0..4000).map(|i| if i == 7 { 0.0 } else { guess[i] }).collect();
         let kept = with_unseen(&scene, &seen, 50.0)[7];
         assert!(kept > 0.8 / 16.0 * guess[7], "{kept}");

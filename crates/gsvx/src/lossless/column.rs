@@ -107,7 +107,7 @@ impl Map {
         let negative = bits >> 31 == 1;
         let exponent = bits >> 23 & 255;
         if exponent + zeros > step {
-            // NaN stands in as zero, the rest as the end of the range.
+            // The stand-in of NaN is 0, that of other patterns the end of the range.
             let nan = exponent == 255 && bits & 0x7f_ffff != 0;
             return Cell::Escape { q: if nan { 0 } else { signed(negative, CELLS - 1) } };
         }

@@ -56,7 +56,7 @@ pub(super) fn grow(
     for all in [&mut moments.first, &mut moments.second] {
         all.resize(stride * (old + more), 0.0);
     }
-    // The new ones are not drawn: they have no place yet.
+    // The new Gaussians have an opacity of 0 until they have a place.
     scene.opacity_logits[old..].fill(f32::NEG_INFINITY);
     let places: Vec<usize> = (old..old + more).collect();
     share(scene, moments, random, &places);

@@ -68,7 +68,7 @@ pub(super) struct Division {
 }
 
 impl Division {
-    /// No child yet, of a cell with this centre.
+    /// The division of a cell with this centre, before its children are added.
     pub(super) fn of_cell(centre: [f64; 3]) -> Self {
         Self { centre, cost: 0.0, occupied: 0, moments: CellMoments::default() }
     }

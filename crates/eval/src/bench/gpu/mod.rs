@@ -70,15 +70,15 @@ pub fn run(options: &GpuOptions) -> Result<()> {
         return Ok(());
     }
     let clock = Clock { end: Instant::now() + Duration::from_secs(options.seconds) };
-    // Builds it, which takes time as well.
+    // The build of the command counts towards the time.
     let gsvx = if software { None } else { Some(GsvxCommand::find()?) };
     let mut page = Page::new(&options.out, "How fast is a step on a GPU?");
     page.text(format!(
         "`cargo xtask bench-gpu`: {name}, beside the processor ({}). Random scenes of SH degree 3, a view of \
-         {side}x{side} pixels, mean squared error. Twins: the first step in both executors; how far the loss is apart, \
-         and Adam's first moments, over the largest. Behind the slash is what two steps on the processor are apart if \
-         the depths move by a unit in the last place: the scene is flat, many depths are equal, and a GPU that fuses \
-         products and sums orders them differently. Memory: all buffers on the device; at most 128 MiB a binding.",
+         {side}x{side} pixels, mean squared error. \"Apart\" is how far the loss of the first step, and Adam's first moments over the largest, differ \
+         between the executors. Behind the slash is what they differ by on the processor if the depths move by a \
+         unit in the last place: many depths are equal, and a GPU that fuses products and sums orders them \
+         differently. Memory: all buffers on the device.",
         manifest::machine(),
         side = options.side,
     ));

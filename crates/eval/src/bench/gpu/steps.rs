@@ -28,7 +28,7 @@ impl Shot {
     /// The scene, and the view, whose photo shows other colours.
     fn make(self) -> (Scene, TrainView) {
         let mut scene = testing::trained_like(self.gaussians, 3, &mut testing::Rng::seeded(1));
-        // As many Gaussians more, as much smaller: the same surfaces.
+        // More Gaussians are smaller in proportion, so that they cover the same surfaces.
         let smaller = (self.gaussians as f32 / 2e4).max(1.0).ln() / 2.0;
         scene.log_scales.as_flattened_mut().iter_mut().for_each(|s| *s -= smaller);
         let (eye, target, up) = ([3.0, 0.5, -5.0], [3.0, 0.0, 0.0], [0.0, -1.0, 0.0]);

@@ -171,7 +171,7 @@ fn check(file: &Path, root: &Root) -> Result<()> {
     let splats = || {
         root.meshes.iter().flat_map(|m| &m.primitives).filter_map(|p| p.extensions.splats.as_ref())
     };
-    // What compresses a primitive is looked at there.
+    // The extensions that compress a primitive are checked where it is read.
     let known = |n: &str| KNOWN.contains(&n) || splats().any(|s| s.extensions.contains_key(n));
     match root.extensions_required.iter().find(|n| !known(n)) {
         Some(name) => {

@@ -123,7 +123,7 @@ impl RowLayout {
 
     /// Chooses the origin by the first of these rows.
     pub(super) fn choose_origin(&self, vertex: &PlyElement, columns: &mut Columns, rows: &[u8]) {
-        // Rows without a byte there are none of: a Gaussian has numbers.
+        // The stride is not 0, because a Gaussian has numbers.
         columns.choose_origin(vertex, rows.len() / self.stride, |row, p| {
             let (offset, scalar) = self.properties[p];
             number(&rows[row * self.stride..], offset, scalar, self.big_endian)

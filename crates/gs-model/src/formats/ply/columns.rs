@@ -77,7 +77,7 @@ enum LostKind {
     Precision,
     /// SH coefficients of degree 4: lost where they are not zero.
     Degree4,
-    /// All of it: lost where it is not zero.
+    /// The whole property: lost where it is not zero.
     All,
 }
 

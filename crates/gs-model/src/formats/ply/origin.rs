@@ -19,7 +19,7 @@ pub(super) fn choose(sample: &[([f64; 3], f64)]) -> [f64; 3] {
     let is_coarse = |(position, log_size): &([f64; 3], f64)| {
         let far = position.iter().fold(0f64, |far, x| far.max(x.abs()));
         let step = f64::from((far as f32).next_up()) - rounded(far);
-        // Doubles that are floats already have lost what they had.
+        // Doubles that hold floats have already lost their precision: an origin would not help.
         step > FINE * libm::exp(*log_size) && position.iter().any(|&x| rounded(x) != x)
     };
     if sample.iter().filter(|row| is_coarse(row)).count() * ONE_IN <= sample.len() {

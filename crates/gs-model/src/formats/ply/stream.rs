@@ -164,7 +164,7 @@ impl Body {
         }))
     }
 
-    /// So many Gaussians, to be filled in.
+    /// A scene of `n` Gaussians of zeros, to be filled in.
     fn zeros(&self, n: usize) -> Result<Scene> {
         let antialiased = antialiased(&self.header, &self.columns);
         let origin = self.columns.scene_origin(&self.header);

@@ -20,7 +20,7 @@ const LOG_SCALE: usize = 7;
 const OPACITY: usize = 10;
 const COLOURS: [&str; 3] = ["red", "green", "blue"];
 
-/// In what a model differs from the Inria layout.
+/// How a model differs from the Inria layout.
 #[derive(Debug, Default)]
 pub(super) struct Variants {
     discs: bool,

@@ -31,7 +31,7 @@ pub(super) fn scene(file: &Path, meta: &Meta, textures: &[Texture]) -> Result<Sc
         }
     }
     let of = |values: &[f32], byte: u8| values.get(usize::from(byte)).copied().unwrap_or(f32::NAN);
-    // Of the higher coefficient `k` of an entry of the palette.
+    // The three values of the higher coefficient `k` of an entry of the palette.
     let coefficient = |palette: &Palette, entry: usize, k: usize| {
         let (y, x) = (entry / PALETTE_ROW, entry % PALETTE_ROW * higher + k);
         let known = entry < palette.entries && y < textures[5].height;

@@ -48,7 +48,7 @@ struct Version {
     version: Option<u64>,
     /// `antialiased`, as SplatTransform writes it.
     model: Option<String>,
-    /// What its first versions were specified with.
+    /// The name of the same in the first versions of the specification.
     antialias: Option<bool>,
 }
 
