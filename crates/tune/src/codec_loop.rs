@@ -11,7 +11,7 @@ use finetune::{Adapter, kernels::KernelStep};
 use finetune::{ViewGradients, ViewLoss};
 use gpcc_lite::Octree;
 use gs_model::Scene;
-use gsvx::latents::{GaussianGradient, Latents};
+use gsvx::latents::{Attribute, GaussianGradient, Latents};
 
 #[cfg(feature = "gpu")]
 use crate::device::Device;
@@ -184,9 +184,7 @@ impl CodecLoop {
         self.settled = false;
         let loss = views.run(&self.scene, view);
         self.done += 1;
-        let [opacity, dc, ac, covariance] = rates;
-        let ac = vec![ac; self.latents.channels() - 10];
-        let rates = [&[opacity, dc, dc, dc], &ac[..], &[covariance; 6]].concat();
+        let rates = self.rates_of_channels(rates);
         let mut values = std::mem::take(self.latents.values_mut());
         let (latents, scene, views, prices) = (&self.latents, &self.scene, &*views, &self.prices);
         let gradient = |i: usize, _: &[f32], row: &mut [f32]| {
@@ -210,6 +208,21 @@ impl CodecLoop {
         self.moments.step(Adam::new(self.done), &rates, rows, |_| true, gradient, after);
         *self.latents.values_mut() = values;
         Ok(loss)
+    }
+
+    /// The rate of each value of a leaf.
+    fn rates_of_channels(&self, [opacity, dc, ac, covariance]: [f32; 4]) -> Vec<f32> {
+        let mut rates = vec![0.0; self.latents.channels()];
+        for group in self.latents.groups() {
+            let values = group.among(rates.len());
+            rates[values].fill(match group.attribute {
+                Attribute::Opacity => opacity,
+                Attribute::Colour { degree: 0 } => dc,
+                Attribute::Colour { .. } => ac,
+                Attribute::Covariance => covariance,
+            });
+        }
+        rates
     }
 
     /// Fits predictions to the values as they are, and makes scene, prices and bytes of them.
