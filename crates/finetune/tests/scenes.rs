@@ -1,22 +1,11 @@
 //! PSNR and SSIM of the trained test scenes at their held-out views against the figures in
 //! the scenes' README, which another renderer measured.
 
-use std::path::{Path, PathBuf};
-
 use finetune::{Photo, RenderOptions, metrics, render};
 use gs_model::dataset::Dataset;
 
-fn scene_dir(name: &str) -> Option<PathBuf> {
-    let dir = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/scenes").join(name);
-    if dir.join("point_cloud.ply").exists() {
-        return Some(dir);
-    }
-    println!("SKIPPED: no {name} scene in ../shared/scenes");
-    None
-}
-
 fn check(name: &str, psnr: f64, ssim: f64) {
-    let Some(dir) = scene_dir(name) else { return };
+    let Some(dir) = testing::shared(&format!("scenes/{name}")) else { return };
     let dataset = Dataset::open(&dir).unwrap();
     let (scene, _) = gs_model::ply::read(&dataset.model_path).unwrap();
     let (mut sum_psnr, mut sum_ssim, mut n) = (0.0, 0.0, 0.0);

@@ -1,8 +1,8 @@
-//! The readers on real files: see `../shared` beside the workspace.
+//! The readers on real files: one of `fixtures`, and those of `../shared` beside the workspace.
 
 mod common;
 
-use common::{says, share_in_view, shared, written};
+use common::{fixture, says, share_in_view, shared, written};
 use gs_model::dataset::Dataset;
 use gs_model::{ReadOptions, model, ply};
 
@@ -35,13 +35,12 @@ fn scenes_open_as_colmap_projects() {
 
 #[test]
 fn models_are_read() {
-    for (name, gaussians) in [
-        ("leica-sofort-top8192.ply", 8192),
-        ("kacy_7000.ply", 9080),
-        ("fruit_drops_minimal.ply", 4721),
-    ] {
-        let Some(path) = shared(&format!("models/{name}")) else { return };
+    let shared = [("kacy_7000.ply", 9080), ("fruit_drops_minimal.ply", 4721)]
+        .into_iter()
+        .filter_map(|(name, gaussians)| Some((shared(&format!("models/{name}"))?, gaussians)));
+    for (path, gaussians) in [(fixture("leica/point_cloud.ply"), 2048)].into_iter().chain(shared) {
         let (scene, _) = ply::read(&path).unwrap();
+        let name = path.display();
         assert_eq!((scene.len(), scene.sh_degree), (gaussians, 3), "{name}");
         assert_eq!(ply::read_bytes(&written("ply", &scene)).unwrap().0, scene, "{name}");
     }

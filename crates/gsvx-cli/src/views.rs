@@ -265,7 +265,7 @@ mod tests {
 
     #[test]
     fn up_is_that_of_the_cameras_beside_a_model() {
-        let room = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/room");
+        let room = testing::fixture("room");
         let up = up_beside(&room.join("point_cloud.ply")).expect("its cameras are beside it");
         assert!(up[2] > 0.95, "{up:?}");
         assert_eq!(up_beside(Path::new("-")), None);

@@ -4,10 +4,9 @@
 mod common;
 
 use common::golden;
-use std::path::Path;
 
 fn main() -> std::io::Result<()> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/streams");
+    let folder = testing::fixture("streams");
     std::fs::create_dir_all(&folder)?;
     let mut list = String::from(
         "# SHA-256 of the decoded floats, name, what else the head says of the scene. The floats are f32, little-endian: all means, all rotations, all \

@@ -9,10 +9,10 @@ mod common;
 #[cfg(feature = "encode")]
 use common::golden;
 use gsvx::decode;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 fn folder() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/streams")
+    testing::fixture("streams")
 }
 
 #[test]

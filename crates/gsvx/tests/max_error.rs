@@ -3,12 +3,11 @@
 
 mod common;
 
-use common::scene;
+use common::{room, scene, trained_scene};
 use gs_model::Scene;
 use gsvx::covariance::coordinates;
 use gsvx::{Aim, EncodeOptions, Encoded, Encoder, Error, Kind, MaxError, decode};
 use proptest::prelude::*;
-use std::path::Path;
 
 fn bounded(scene: &Scene, bounds: MaxError) -> Encoded {
     Encoder::new(Aim::MaxError(bounds)).encode(scene, None).unwrap().encoded
@@ -123,8 +122,7 @@ proptest! {
 
 #[test]
 fn bounds_are_kept_where_quality_100_breaks_them() {
-    let room = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/room/point_cloud.ply");
-    let (scene, _) = gs_model::ply::read(&room).unwrap();
+    let scene = room();
     let best = gsvx::encode(&scene, None, 100.0, &EncodeOptions::default()).unwrap();
     let decoded = decode(&best.bytes).unwrap();
     let loose = MaxError { mean: 1.0, opacity: 0.05, shape: 0.5, sh: 0.2 };
@@ -143,13 +141,11 @@ fn bounds_are_kept_where_quality_100_breaks_them() {
 
 #[test]
 fn a_trained_scene_keeps_its_bounds() {
-    let fox =
-        Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/scenes/fox/point_cloud.ply");
-    let Ok((scene, _)) = gs_model::ply::read(&fox) else {
-        eprintln!("SKIPPED: ../shared/scenes/fox is not there");
-        return;
-    };
-    check(&scene, MaxError { mean: 0.02, opacity: 0.01, shape: 0.03, sh: 0.01 });
+    let bounds = MaxError { mean: 0.02, opacity: 0.01, shape: 0.03, sh: 0.01 };
+    check(&testing::leica(), bounds);
+    if let Some(fox) = trained_scene("scenes/fox/point_cloud.ply") {
+        check(&fox, bounds);
+    }
 }
 
 #[test]

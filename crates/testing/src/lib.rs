@@ -7,6 +7,7 @@
 //! too; unit tests inside `gs-model` may not, because they would see two versions of `Scene`.
 
 mod desk;
+mod real;
 mod rng;
 mod room;
 mod scenes;
@@ -14,6 +15,7 @@ mod scenes;
 pub mod wgsl;
 
 pub use desk::{desk, desk_cameras};
+pub use real::{fixture, leica, shared};
 pub use rng::Rng;
 pub use room::copy_room;
 pub use scenes::{clustered, marks, sha256, trained_like, with_floaters, with_related_degrees};

@@ -3,12 +3,14 @@
 use std::fs;
 use std::path::Path;
 
+use crate::real::fixture;
+
 /// Copies cameras, photos and model of the room into a folder, which is made.
 ///
 /// # Panics
 /// If a file cannot be copied.
 pub fn copy_room(into: &Path) {
-    let room = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/room");
+    let room = fixture("room");
     for folder in ["", "images", "sparse/0"] {
         fs::create_dir_all(into.join(folder)).unwrap();
         for entry in fs::read_dir(room.join(folder)).unwrap().map(Result::unwrap) {

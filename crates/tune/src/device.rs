@@ -110,14 +110,13 @@ mod tests {
     use finetune::kernels::PAGE_GAUSSIANS;
     use gs_model::{dataset, ply};
     use std::num::NonZeroUsize;
-    use std::path::Path;
 
     const PLAN: TunePlan =
         TunePlan { quality: 58.0, fraction: 0.5, rounds: 1, round_steps: 0, loop_steps: 100 };
 
     /// A loop on every `every`th Gaussian of the room, and six of its views; `None` without an adapter.
     fn room(every: usize) -> Option<(CodecLoop, CodecLoop, Views)> {
-        let room = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/room");
+        let room = testing::fixture("room");
         let model = ply::read(room.join("point_cloud.ply")).unwrap().0;
         let kept: Vec<usize> = (0..model.len()).step_by(every).collect();
         let scene = model.select(&kept);

@@ -1,7 +1,6 @@
 //! `tune::encode`: what `gsvx encode` does, for Rust.
 
 use std::ops::ControlFlow;
-use std::path::Path;
 
 use gs_model::{Camera, Scene, dataset, ply};
 use gsvx::{Aim, LEFT_OUT};
@@ -9,7 +8,7 @@ use tune::{CameraDoubt, EncodeEvent, EncodeOutcome, EncodeRecipe, Error};
 
 /// The room, and some of its cameras.
 fn room() -> (Scene, Vec<Camera>) {
-    let room = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/room");
+    let room = testing::fixture("room");
     let views = dataset::open_views(&room).unwrap().into_iter().step_by(4);
     (ply::read(room.join("point_cloud.ply")).unwrap().0, views.map(|view| view.camera).collect())
 }

@@ -1,7 +1,7 @@
 //! Short runs on the scene in `fixtures/room`.
 
 use std::ops::ControlFlow;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -14,7 +14,7 @@ use tune::{
 };
 
 fn room() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/room")
+    testing::fixture("room")
 }
 
 fn model() -> Scene {

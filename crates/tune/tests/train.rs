@@ -1,6 +1,6 @@
 //! Short trainings on the scene in `fixtures/room`.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -10,7 +10,7 @@ use gs_model::dataset;
 use tune::{StopReason, Train, TrainOptions, Trained};
 
 fn room() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/room")
+    testing::fixture("room")
 }
 
 fn points() -> Vec<Point> {

@@ -2,10 +2,11 @@
 
 mod common;
 
-use common::{clustered, cube, shared};
+use common::{clustered, cube};
 use gpcc_lite::{Leaf, morton};
 use gs_model::Scene;
 use nalgebra::{Matrix3, Vector3};
+use testing::shared;
 use voxel::{CostModel, Cube, Importance, RateDistortion, Released, Strategy, voxelize, w2};
 
 /// Every subtree of the full octree by recursion over explicit member lists, distortions by

@@ -44,12 +44,14 @@ fn trim_of_degenerate_scenes() {
     assert!(t.outliers.len() <= 50);
 }
 
-/// Nothing of the shared scenes is so far away that it costs bits.
+/// Nothing of these scenes is so far away that it costs bits.
 #[test]
 fn real_scenes_keep_their_floaters() {
-    for name in ["fox", "bonsai"] {
-        let Some(path) = common::shared(&format!("scenes/{name}/point_cloud.ply")) else { return };
-        let (scene, _) = gs_model::ply::read(&path).unwrap();
+    let shared = ["fox", "bonsai"].into_iter().filter_map(|name| {
+        let path = testing::shared(&format!("scenes/{name}/point_cloud.ply"))?;
+        Some((name, gs_model::ply::read(&path).unwrap().0))
+    });
+    for (name, scene) in std::iter::once(("leica", testing::leica())).chain(shared) {
         let cube = cube_of(&scene.means).unwrap();
         for depth in [10, 15, 21] {
             let t = trim(&scene.means, &Trim::new(cube.cell(depth))).unwrap();

@@ -11,7 +11,7 @@ pub(crate) fn gsvx() -> Command {
 }
 
 pub(crate) fn room() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/room")
+    testing::fixture("room")
 }
 
 pub(crate) fn model() -> PathBuf {

@@ -55,21 +55,15 @@ pub(crate) fn on_threads<T: Send>(threads: usize, f: impl FnOnce() -> T + Send) 
     rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(f)
 }
 
-/// A trained scene of the shared data, or the fixture; says loudly if the shared data is absent.
+/// A trained scene of the shared data, or `None` with a loud line.
 pub(crate) fn trained_scene(shared: &str) -> Option<Scene> {
-    let path =
-        std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared").join(shared);
-    if !path.exists() {
-        eprintln!("SKIPPED: {} is not there", path.display());
-        return None;
-    }
+    let path = testing::shared(shared)?;
     Some(gs_model::model::read(&path, &Default::default()).unwrap().0)
 }
 
 /// The fixture room.
 pub(crate) fn room() -> Scene {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../fixtures/room/point_cloud.ply");
-    gs_model::ply::read(path).unwrap().0
+    gs_model::ply::read(testing::fixture("room/point_cloud.ply")).unwrap().0
 }
 
 /// The steps of a quality.

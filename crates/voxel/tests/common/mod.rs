@@ -1,8 +1,6 @@
 //! Scenes for the tests.
 #![allow(dead_code, reason = "each test file uses its own part")]
 
-use std::path::PathBuf;
-
 use gs_model::Scene;
 use testing::Rng;
 use voxel::{CostModel, Cube, Importance, RateDistortion, Released, Strategy, cube_of};
@@ -52,14 +50,4 @@ pub(crate) fn strategies(len: usize, j_low: u8, j_high: u8) -> Vec<Strategy> {
 
 pub(crate) fn cube(scene: &Scene) -> Cube {
     cube_of(&scene.means).expect("finite means")
-}
-
-/// A path below the shared data, or `None` with a loud line.
-pub(crate) fn shared(path: &str) -> Option<PathBuf> {
-    let full = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared").join(path);
-    if full.exists() {
-        return Some(full);
-    }
-    eprintln!("SKIPPED: ../shared/{path} is not here");
-    None
 }
