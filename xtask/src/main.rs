@@ -55,6 +55,8 @@ enum Task {
     BenchGsvx(bench::gsvx::GsvxOptions),
     /// What is lost at each quality, and what bounds on errors cost
     BenchQuality(bench::quality::QualityOptions),
+    /// Run time against error, of each stage and of commands
+    BenchError(bench::error::ErrorOptions),
     /// Models of a million Gaussians: coded, tuned, time, memory
     BenchRealSize(bench::real_size::RealSizeOptions),
     /// The paper's claims, measured
@@ -84,6 +86,7 @@ fn main() -> ExitCode {
         Task::BenchGpu(args) => bench::gpu::run(&args),
         Task::BenchGsvx(args) => bench::gsvx::run(&args),
         Task::BenchQuality(args) => bench::quality::run(&args),
+        Task::BenchError(args) => bench::error::run(&args),
         Task::BenchRealSize(args) => bench::real_size::run(&args),
         Task::Paper(args) => bench::paper::run(&args),
         Task::BenchTune(args) => bench::tune::run(&args),

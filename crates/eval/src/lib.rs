@@ -9,6 +9,7 @@ mod bd;
 pub mod bench;
 mod cache;
 mod chart;
+mod exact;
 mod manifest;
 pub mod measure;
 pub mod page;

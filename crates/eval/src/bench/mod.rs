@@ -1,5 +1,6 @@
 //! The measurements behind pages of docs/results.
 
+pub mod error;
 pub mod gpcc;
 pub mod gpu;
 pub mod gsvx;

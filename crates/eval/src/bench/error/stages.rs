@@ -1,0 +1,336 @@
+//! Stages of the codec and of the rasterizer, against f64.
+
+use anyhow::Result;
+use finetune::{Image, Profile, RenderOptions};
+use gpcc_lite::attribute::{self, Quantisation};
+use gpcc_lite::coder::RansEncoder;
+use gpcc_lite::predict::{Lifting, Neighbours};
+use gpcc_lite::raht::{self, RahtPlan, Rows};
+use gs_model::Scene;
+use nalgebra::{Matrix3, Quaternion, SymmetricEigen, UnitQuaternion, Vector3};
+use paper::{CovarianceCoding, PaperOptions, Qp};
+use voxel::{Merge, RateDistortion, Strategy, w2};
+
+use super::{Family, small};
+use crate::exact::{self, Cuts};
+use crate::measure;
+use crate::process::timed;
+use crate::rd_curve::plan::{self, criteria};
+use crate::study::Study;
+
+/// Runs of which the fastest counts.
+pub(super) const RUNS: usize = 3;
+/// Pixels of the view that the rasterizer draws.
+const PIXELS: u32 = 300_000;
+
+pub(super) fn families(study: &Study) -> Result<Vec<Family>> {
+    let scene = &study.test.model;
+    let depth = plan::depth(study, None)?;
+    let voxelized = paper::voxelize(scene, &Strategy::Uniform { depth })?;
+    let plan = RahtPlan::new(voxelized.voxels.octree().clone());
+    Ok(vec![
+        rasterizer(study),
+        transforms(&voxelized.scene, &plan)?,
+        voxelizations(study, depth)?,
+        covariances(&voxelized.scene, &plan)?,
+    ])
+}
+
+/// The result of the last run, and the seconds of the fastest.
+fn best<T>(mut work: impl FnMut() -> T) -> (T, f64) {
+    let mut done = timed(&mut work);
+    for _ in 1..RUNS {
+        let again = timed(&mut work);
+        done = (again.0, again.1.min(done.1));
+    }
+    done
+}
+
+/// Root of the mean square of `a - b`.
+fn rms(a: &[f32], b: &[f32]) -> f64 {
+    let squares = a.iter().zip(b).map(|(a, b)| (f64::from(*a) - f64::from(*b)).powi(2));
+    (squares.sum::<f64>() / a.len() as f64).sqrt()
+}
+
+fn rasterizer(study: &Study) -> Family {
+    let scene = &study.test.model;
+    let camera = study.test.held_out[0].camera.within(PIXELS);
+    let mut family = Family::new(
+        "Rasterizer",
+        format!(
+            "A view of {}x{} pixels. The error is the root mean square over pixels and channels, of the range of 1: \
+             against f64 with the same cuts, and against f64 without them.",
+            camera.width, camera.height
+        ),
+        "against the same cuts | against no cuts",
+    );
+    let (all, slow) = timed(|| exact::render(scene, &camera, Cuts::NONE));
+    let (cut, cut_slow) = timed(|| exact::render(scene, &camera, Cuts::INRIA));
+    let mut add = |what: &str, (image, seconds): (Image, f64), buys: &str| {
+        let [same, none] = [&cut, &all].map(|exact| rms(&image.rgb, &exact.rgb));
+        family.row(what, seconds, none, &format!("{} | {}", small(same), small(none)), buys);
+    };
+    add("f64, no cuts, one thread", (all.clone(), slow), "the reference");
+    let buys = "alpha below 1/255 and transmittance below 1e-4 are left out";
+    add("f64, cuts of 3DGS, one thread", (cut.clone(), cut_slow), buys);
+    let inria = RenderOptions { profile: Profile::Reference, ..RenderOptions::default() };
+    let buys = "f32, vectors, tiles, all cores; tiles as Inria's code has them";
+    add("`Profile::Reference`", best(|| finetune::render(scene, &camera, &inria)), buys);
+    let draw = |scene: &Scene| best(|| finetune::render(scene, &camera, &RenderOptions::default()));
+    add("`finetune::render`", draw(scene), "tiles that the ellipse reaches, no others");
+    for (degree, buys) in
+        [(2, "SH of degree 3 left out"), (1, "degree 2 too"), (0, "all view dependence")]
+    {
+        let mut plain = scene.clone();
+        plain.cut_sh(degree);
+        add(&format!("the same, SH degree {degree}"), draw(&plain), buys);
+    }
+    family
+}
+
+fn transforms(scene: &Scene, plan: &RahtPlan) -> Result<Family> {
+    let channels = 3 * scene.sh_len();
+    let values = scene.sh.as_flattened();
+    let value = |leaf: usize, c: usize| values[leaf * channels + c];
+    let largest = values.iter().fold(0.0f64, |m, v| m.max(f64::from(v.abs())));
+    let n = plan.len();
+    let mut family = Family::new(
+        "Transforms",
+        format!(
+            "The {channels} SH channels of {n} voxels, forward and back, one thread for f64 and integers. The error is the \
+             greatest one of a value after both, over the greatest value.",
+        ),
+        "error",
+    );
+    let most = |back: &dyn Fn(usize, usize) -> f64| {
+        let all = (0..n).flat_map(|leaf| (0..channels).map(move |c| (leaf, c)));
+        all.map(|(i, c)| (back(i, c) - f64::from(value(i, c))).abs()).fold(0.0, f64::max) / largest
+    };
+    let (double, seconds) = timed(|| -> Result<Vec<Vec<f64>>> {
+        let one = |c: usize| -> Result<Vec<f64>> {
+            let mut column: Vec<f64> = (0..n).map(|i| f64::from(value(i, c))).collect();
+            plan.forward_f64(&mut column)?;
+            plan.inverse_f64(&mut column)?;
+            Ok(column)
+        };
+        (0..channels).map(one).collect()
+    });
+    let double = double?;
+    let error = most(&|i, c| double[c][i]);
+    family.row("RAHT in f64, a channel at a time", seconds, error, &small(error), "the reference");
+    let (rows, seconds) = best(|| -> Result<Rows> {
+        let mut rows = Rows::new(n, channels);
+        (0..n).for_each(|i| rows.row_mut(i).copy_from_slice(&values[i * channels..][..channels]));
+        raht::forward(plan, &mut rows)?;
+        raht::inverse(plan, &mut rows)?;
+        Ok(rows)
+    });
+    let rows = rows?;
+    let error = most(&|i, c| f64::from(rows.row(i)[c]));
+    let buys = "f32, all channels of a node together; what streams use";
+    family.row("RAHT in f32", seconds, error, &small(error), buys);
+    // As integers of 16 bits.
+    let step = largest / f64::from(i16::MAX);
+    let (exact, seconds) = timed(|| -> Result<bool> {
+        let near = Neighbours::coarser(plan.octree());
+        let lifting = Lifting::new(&near);
+        let mut same = true;
+        for c in 0..channels {
+            let column: Vec<i64> =
+                (0..n).map(|i| (f64::from(value(i, c)) / step).round() as i64).collect();
+            let mut back = column.clone();
+            lifting.forward(&mut back)?;
+            lifting.inverse(&mut back)?;
+            same &= back == column;
+        }
+        Ok(same)
+    });
+    anyhow::ensure!(exact?, "the lifting transform is not exact");
+    let error = 0.5 * step / largest;
+    let buys = "exact on integers, neighbours found included; the error is that of 16 bits";
+    family.row("predictive lifting with update, integers", seconds, error, &small(error), buys);
+    Ok(family)
+}
+
+fn voxelizations(study: &Study, depth: u8) -> Result<Family> {
+    let scene = &study.test.model;
+    let cube = voxel::cube_of(&scene.means)?;
+    let mut family = Family::new(
+        "Voxelizations",
+        "Voxelized and merged by moments; then covariances by the W2 barycenter of each leaf. The error is the paper's \
+         equation 4, relative to that of the uniform depth; the PSNR is that at the held-out photos.",
+        "Gaussians | equation 4 | PSNR, dB",
+    );
+    let strategies = [
+        (
+            "uniform, J",
+            Strategy::Uniform { depth },
+            "the depth that renders like the original to 40 dB",
+        ),
+        ("uniform, J-1", Strategy::Uniform { depth: depth - 1 }, "cells of twice the side"),
+        ("the paper's criteria, J-3 to J+5", criteria(depth), "depth by density, size and offset"),
+        (
+            "rate-distortion, as `encode` without cameras",
+            like_uniform(scene, &cube, depth)?,
+            "as many Gaussians; depth by what merging loses over the bits that it saves",
+        ),
+    ];
+    let mut uniform = f64::NAN;
+    for (what, strategy, buys) in strategies {
+        let (made, seconds) = best(|| -> Result<_> {
+            let voxels = voxel::voxelize(scene, &cube, &strategy)?;
+            Ok((voxel::merge(scene, &voxels, Merge::Moments)?, voxels))
+        });
+        let (merged, voxels) = made?;
+        let distortion = w2::total_distortion(scene, &voxels);
+        if what == "uniform, J" {
+            uniform = distortion;
+        }
+        let error = distortion / uniform;
+        let db = measure::psnr_db(&merged, &study.test.held_out);
+        let cells = format!("{} | {error:.2} | {db:.2}", voxels.len());
+        family.row(what, seconds, error, &cells, buys);
+        if what == "uniform, J" {
+            let (merged, more) = timed(|| barycenters(scene, &voxels, merged));
+            let db = measure::psnr_db(&merged, &study.test.held_out);
+            let cells = format!("{} | {error:.2} | {db:.2}", voxels.len());
+            let buys = "the minimum of equation 4 for each leaf, which moments nearly reach";
+            family.row("the same, W2 barycenters", seconds + more, error, &cells, buys);
+        }
+    }
+    Ok(family)
+}
+
+/// The rate-distortion strategy that leaves about as many Gaussians as a uniform depth.
+fn like_uniform(scene: &Scene, cube: &gpcc_lite::Cube, depth: u8) -> Result<Strategy> {
+    let leaves = |strategy: &Strategy| -> Result<usize> {
+        Ok(voxel::voxelize(scene, cube, strategy)?.len())
+    };
+    let wanted = leaves(&Strategy::Uniform { depth })?;
+    let at = |log: f64| Strategy::RateDistortion(RateDistortion::unseen(libm::exp2(log)));
+    let (mut low, mut high) = (-60.0, 20.0);
+    for _ in 0..12 {
+        let middle = 0.5 * (low + high);
+        *(if leaves(&at(middle))? > wanted { &mut low } else { &mut high }) = middle;
+    }
+    Ok(at(high))
+}
+
+/// The scene of the leaves with the W2 barycenters of their members' covariances.
+fn barycenters(scene: &Scene, voxels: &voxel::Voxelization, mut merged: Scene) -> Scene {
+    for leaf in 0..voxels.len() {
+        let members = voxels.members_of(leaf).iter();
+        let members: Vec<_> = members.map(|&i| w2::Gaussian::of_scene(scene, i as usize)).collect();
+        if members.len() > 1 {
+            let centre = w2::barycenter(&members, &vec![1.0; members.len()]).gaussian;
+            let eigen = SymmetricEigen::new(centre.covariance);
+            set_covariance(
+                &mut merged,
+                leaf,
+                &eigen.eigenvectors,
+                eigen.eigenvalues.map(libm::log) / 2.0,
+            );
+        }
+    }
+    merged
+}
+
+/// Sets the axes of a Gaussian, in columns, and the logarithms of its standard deviations along them.
+fn set_covariance(scene: &mut Scene, i: usize, axes: &Matrix3<f64>, log_scales: Vector3<f64>) {
+    let axes = if axes.determinant() < 0.0 { -axes } else { *axes };
+    let turn = UnitQuaternion::from_matrix(&axes);
+    scene.rotations[i] = [turn.w, turn.i, turn.j, turn.k].map(|v| v as f32);
+    scene.log_scales[i] = [0, 1, 2].map(|k| log_scales[k] as f32);
+}
+
+/// Root of the mean of the squared Bures distance of covariances over their traces.
+fn covariance_error(a: &Scene, b: &Scene) -> f64 {
+    let one = |i: usize| {
+        let [a, b] = [a, b].map(|s| w2::Gaussian::of_scene(s, i).covariance);
+        w2::bures_squared(&a, &b) / a.trace()
+    };
+    ((0..a.len()).map(one).sum::<f64>() / a.len() as f64).sqrt()
+}
+
+fn covariances(scene: &Scene, plan: &RahtPlan) -> Result<Family> {
+    let mut family = Family::new(
+        "Covariances",
+        format!(
+            "Those of {} voxels. The error is the root mean square of the W2 distance between covariances, over the root \
+             of the trace.",
+            scene.len()
+        ),
+        "bits per Gaussian | error",
+    );
+    let bits = |bytes: u64| 8.0 * bytes as f64 / scene.len() as f64;
+    let qp = Qp { ac: 51, dc: 51, opacity: 51 };
+    let coded = |covariance| -> Result<(u64, Scene, f64)> {
+        let options = PaperOptions { qp, covariance };
+        let (stream, seconds) = timed(|| paper::encode(scene, plan.octree(), None, &options));
+        let stream = stream?;
+        let is_it = |part: &str| part == "covariance" || part == "codebook indices";
+        let bytes = stream.parts.iter().filter(|(part, _)| is_it(part)).map(|p| p.1).sum();
+        Ok((bytes, paper::decode(&stream.bytes)?, seconds))
+    };
+    let (_, _, rest) = coded(CovarianceCoding::Lossy { codebook_bits: 0 })?;
+    for (codebook_bits, buys) in [
+        (8, "256 codewords and a size for each Gaussian"),
+        (10, "1,024 codewords"),
+        (12, "4,096, as the authors"),
+        (14, "16,384"),
+    ] {
+        let (bytes, back, seconds) = coded(CovarianceCoding::Lossy { codebook_bits })?;
+        let error = covariance_error(scene, &back);
+        let cells = format!("{:.1} | {}", bits(bytes), small(error));
+        let what = format!("codebook of {codebook_bits} bits");
+        family.row(&what, (seconds - rest).max(0.0), error, &cells, buys);
+    }
+    let (bytes, back, seconds) = coded(CovarianceCoding::Lossless)?;
+    let error = covariance_error(scene, &back);
+    let cells = format!("{:.1} | {}", bits(bytes), small(error));
+    let buys = "16 bits per component, and these without loss";
+    family.row("predicted, lossless", (seconds - rest).max(0.0), error, &cells, buys);
+    for (quality, buys) in [
+        (50.0, "RAHT of the log-Euclidean covariance, at the step of a quality of gsvx"),
+        (65.0, "half the step"),
+        (80.0, "half of that: the default"),
+        (95.0, "half of that"),
+    ] {
+        let step = gsvx::Steps::of_quality(quality)?.covariance;
+        let (done, seconds) = best(|| log_euclidean(scene, plan, step));
+        let (bytes, back) = done?;
+        let error = covariance_error(scene, &back);
+        let cells = format!("{:.1} | {}", bits(bytes), small(error));
+        family.row(&format!("transform, quality {quality}"), seconds, error, &cells, buys);
+    }
+    Ok(family)
+}
+
+/// Logarithms of covariances through RAHT and the coder of coefficients, in these steps; bytes, and what is decoded.
+fn log_euclidean(scene: &Scene, plan: &RahtPlan, step: f32) -> Result<(u64, Scene)> {
+    let root = std::f64::consts::SQRT_2;
+    let steps = [step; 6];
+    let mut rows = Rows::new(plan.len(), steps.len());
+    for i in 0..plan.len() {
+        let [w, x, y, z] = scene.rotations[i].map(f64::from);
+        let axes = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
+        let axes = *axes.to_rotation_matrix().matrix();
+        let scales = Vector3::from(scene.log_scales[i].map(f64::from));
+        let m = axes * Matrix3::from_diagonal(&scales) * axes.transpose();
+        let six = [m.m11, m.m22, m.m33, root * m.m12, root * m.m13, root * m.m23];
+        rows.row_mut(i).copy_from_slice(&six.map(|v| v as f32));
+    }
+    let mut coder = RansEncoder::default();
+    attribute::encode(&mut coder, plan, &Quantisation::new(&steps), &mut rows)?;
+    let bytes = coder.finish();
+    // The encoder leaves in its rows what a decoder returns.
+    let mut back = scene.clone();
+    for i in 0..plan.len() {
+        let v: Vec<f64> = rows.row(i).iter().map(|&v| f64::from(v)).collect();
+        let [xy, xz, yz] = [v[3], v[4], v[5]].map(|v| v / root);
+        let m = Matrix3::new(v[0], xy, xz, xy, v[1], yz, xz, yz, v[2]);
+        let eigen = SymmetricEigen::new(m);
+        set_covariance(&mut back, i, &eigen.eigenvectors, eigen.eigenvalues);
+    }
+    Ok((bytes.len() as u64, back))
+}
