@@ -67,6 +67,8 @@ pub mod metrics;
 pub mod optimiser;
 mod options;
 mod photo_check;
+#[cfg(feature = "reference")]
+pub mod reference;
 mod references;
 #[cfg(feature = "gpu")]
 mod shaders;

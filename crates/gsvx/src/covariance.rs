@@ -168,9 +168,9 @@ fn rotate(a: &mut [[f32; 3]; 3], v: &mut [[f32; 3]; 3], p: usize, q: usize, r: u
 /// the iteration leaves them; the pair is one of the equivalent descriptions of the same Gaussian.
 ///
 /// Several matrices are decomposed at a time, so that their chains of divisions and roots overlap. The bits are
-/// the same as one by one.
+/// the same as one by one. The shortest of the three slices says how many there are.
 #[multiversion(targets("x86_64+avx2"))]
-pub(crate) fn decompose_into(
+pub fn decompose_into(
     coordinates: &[Coordinates],
     rotations: &mut [[f32; 4]],
     log_scales: &mut [[f32; 3]],

@@ -7,6 +7,7 @@ mod levels;
 mod outcome;
 mod page;
 mod paper_codec;
+mod precision;
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
@@ -24,6 +25,9 @@ pub struct StressOptions {
     /// Gaussians of inputs that do not fix their number.
     #[arg(long, default_value_t = 3000)]
     size: usize,
+    /// Terms of the greatest sums: Gaussians of a voxel, leaves of a transform. 1e7 take 3 GB.
+    #[arg(long, default_value_t = 10_000_000)]
+    many: usize,
     /// Where the page goes.
     #[arg(long, default_value = "docs/results/stress.md")]
     out: PathBuf,
@@ -85,10 +89,15 @@ pub fn run(args: &StressOptions) -> Result<()> {
             }
         }
     }
+    let figures = precision::all(args.many);
+    for figure in figures.iter().filter(|f| !f.holds()) {
+        eprintln!("FAILED: {}", figure.failure());
+        failures += 1;
+    }
     if failures > 0 {
         bail!("{failures} of the runs broke a promise");
     }
-    page::page(args, &runs, started.elapsed()).write()
+    page::page(args, &runs, &figures, started.elapsed()).write()
 }
 
 #[cfg(test)]
@@ -100,6 +109,15 @@ mod tests {
     fn every_input_in_every_mode() {
         let size = if cfg!(debug_assertions) { 120 } else { 400 };
         let failures: Vec<String> = all(size).filter_map(Result::err).collect();
+        assert!(failures.is_empty(), "{failures:#?}");
+    }
+
+    /// Single precision is within its bounds where it gives way.
+    #[test]
+    fn every_stage_is_as_near_to_double_precision_as_stated() {
+        let figures = precision::all(100_000);
+        let failures: Vec<String> =
+            figures.iter().filter(|f| !f.holds()).map(precision::Figure::failure).collect();
         assert!(failures.is_empty(), "{failures:#?}");
     }
 

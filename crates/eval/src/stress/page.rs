@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use super::precision::Figure;
 use super::{Run, StressOptions};
 use crate::page::{Page, Table};
 
@@ -28,7 +29,12 @@ fn attributes(runs: &[Run]) -> Vec<Attribute> {
 }
 
 /// The page.
-pub(super) fn page(args: &StressOptions, runs: &[Run], elapsed: Duration) -> Page {
+pub(super) fn page(
+    args: &StressOptions,
+    runs: &[Run],
+    figures: &[Figure],
+    elapsed: Duration,
+) -> Page {
     let refused = runs.iter().filter(|r| r.refused().is_some()).count();
     let mut page = Page::new(&args.out, "How exact?");
     page.text(format!(
@@ -66,5 +72,42 @@ pub(super) fn page(args: &StressOptions, runs: &[Run], elapsed: Duration) -> Pag
     }
     page.text(format!("Inputs that every mode accepts: {}. Others:", everywhere.join("; ")));
     page.table(&table);
+    single_precision(&mut page, args, figures);
     page
+}
+
+/// Each stage, and where it is worst.
+fn single_precision(page: &mut Page, args: &StressOptions, figures: &[Figure]) {
+    page.text("## Single precision");
+    page.text(format!(
+        "Stages that compute in single precision, or sum much, against the same formulae in double precision, where \
+         precision gives way. The sums of 1e7 have {:.0e} terms.",
+        args.many as f64
+    ));
+    let mut table = Table::new(
+        "what, in which unit | first input | greatest error | where | greatest error / bound | where",
+    );
+    for stage in distinct(figures.iter().map(|f| f.stage)) {
+        let of: Vec<&Figure> = figures.iter().filter(|f| f.stage == stage).collect();
+        let most = |by: fn(&Figure) -> f64| of.iter().max_by(|a, b| by(a).total_cmp(&by(b)));
+        let (Some(error), Some(ratio)) = (most(|f| f.error), most(|f| f.ratio)) else { continue };
+        table.row(format!(
+            "{stage} | {:.1e} | {:.1e} | {} | {:.2} | {}",
+            of[0].error, error.error, error.input, ratio.ratio, ratio.input
+        ));
+    }
+    page.table(&table);
+    let inputs = distinct(figures.iter().map(|f| f.input));
+    page.text(format!("The inputs: {}.", inputs.join("; ")));
+}
+
+/// Each once, in order.
+fn distinct(all: impl Iterator<Item = &'static str>) -> Vec<&'static str> {
+    let mut out = Vec::new();
+    for one in all {
+        if !out.contains(&one) {
+            out.push(one);
+        }
+    }
+    out
 }

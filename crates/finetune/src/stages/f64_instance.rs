@@ -1,9 +1,8 @@
-//! The shared mathematics in f64, against central differences: the formulae themselves, without
-//! the rounding of f32. The smooth part only: no cut, no stop; the cap is not reached.
-#![allow(clippy::disallowed_methods, reason = "a test")]
+//! The shared mathematics in f64: the formulae themselves, without the rounding of f32. Tests compare it with central
+//! differences, `cargo xtask stress` compares the f32 stages with it.
+#![allow(dead_code, reason = "the shared text has parts that nobody asks for in f64")]
 
 mod consts {
-    pub(super) const T_STOP: f64 = 0.0;
     pub(super) const ALPHA_MAX: f64 = 0.99;
     pub(super) const SIGMA_MAX: f64 = 700.0;
     pub(super) const LOG_SCALE_MAX: f64 = 40.0;
@@ -35,7 +34,7 @@ fn sqrt(x: F) -> F {
     x.sqrt()
 }
 fn exp_polynomial(x: F) -> F {
-    x.exp()
+    libm::exp(x)
 }
 fn sigmoid(l: F) -> F {
     1.0 / (1.0 + exp_polynomial(-l))
@@ -48,204 +47,234 @@ include!("math/sh.wgsl");
 include!("math/blend.wgsl");
 include!("math/frame.rs");
 
-const DEGREE: u8 = 3;
-const N: usize = 4;
-const SIZE: (u32, u32) = (12, 9);
-/// Per Gaussian: mean 3, rotation 4, log-scale 3, opacity 1, SH 48.
-const STRIDE: usize = 59;
-const BACKGROUND: [f64; 3] = [0.2, 0.6, 0.4];
+/// Coefficients of SH degree 3.
+const SH: usize = 16;
 
-fn three(p: &[f64]) -> [f64; 3] {
-    [p[0], p[1], p[2]]
-}
-
-struct Drawn {
+/// A Gaussian as a view shows it.
+pub(crate) struct Drawn {
     frame: Frame,
-    x: f64,
-    y: f64,
+    pub(crate) x: f64,
+    pub(crate) y: f64,
     /// As the view shows it.
-    opacity: f64,
+    pub(crate) opacity: f64,
     /// Without compensation.
     free_opacity: f64,
-    basis: [f64; 16],
+    basis: [f64; SH],
     raw: [f64; 3],
-    colour: [f64; 3],
+    pub(crate) colour: [f64; 3],
     sh: Vec<[f64; 3]>,
 }
 
-fn draw(lens: &Lens, p: &[f64], antialiased: bool) -> Drawn {
-    let rotation = [p[3], p[4], p[5], p[6]];
-    let frame = Frame::new(lens, three(p), rotation, three(&p[7..]));
-    assert!(frame.in_front);
-    let sh: Vec<[f64; 3]> = p[11..].as_chunks::<3>().0.to_vec();
-    let basis = sh_basis(DEGREE, direction(frame.from_eye).0);
-    let raw = raw_colour(&basis, &sh);
-    Drawn {
-        x: lens.fx * frame.m.x * frame.inv_z + lens.cx,
-        y: lens.fy * frame.m.y * frame.inv_z + lens.cy,
-        opacity: sigmoid(p[10]) * if antialiased { compensation_of(frame.shape) } else { 1.0 },
-        free_opacity: sigmoid(p[10]),
-        colour: raw.map(|c| c.max(0.0)),
-        frame,
-        basis,
-        raw,
-        sh,
+impl Drawn {
+    /// `None` if it is at or behind the near plane.
+    fn new(lens: &Lens, g: &Gaussian, antialiased: bool) -> Option<Self> {
+        let frame = Frame::new(lens, g.mean, g.rotation, g.log_scale);
+        if !frame.in_front {
+            return None;
+        }
+        let degree = g.sh.len().isqrt() as u8 - 1;
+        let basis = sh_basis(degree, direction(frame.from_eye).0);
+        let raw = raw_colour(&basis, &g.sh);
+        let free_opacity = sigmoid(g.opacity_logit);
+        let compensation = if antialiased { compensation_of(frame.shape) } else { 1.0 };
+        Some(Self {
+            x: lens.fx * frame.m.x * frame.inv_z + lens.cx,
+            y: lens.fy * frame.m.y * frame.inv_z + lens.cy,
+            opacity: free_opacity * compensation,
+            free_opacity,
+            colour: raw.map(|c| c.max(0.0)),
+            frame,
+            basis,
+            raw,
+            sh: g.sh.clone(),
+        })
+    }
+
+    /// The factor of half the inverse of its covariance in the image, see `Shape`.
+    pub(crate) fn factor(&self) -> [f64; 3] {
+        let Shape { p, q, r, .. } = self.frame.shape;
+        [p, q, r]
+    }
+
+    fn offsets(&self, x: f64, y: f64) -> (f64, f64) {
+        let ([p, q, r], dx, dy) = (self.factor(), self.x - x, self.y - y);
+        (p * dx + q * dy, r * dy)
     }
 }
 
-/// The loss, a quadratic of the image, and its gradient with respect to all parameters.
-fn evaluate(lens: &Lens, p: &[f64], antialiased: bool) -> (f64, Vec<f64>) {
-    // Sorted by depth already.
-    let drawn: Vec<Drawn> = p.chunks_exact(STRIDE).map(|p| draw(lens, p, antialiased)).collect();
-    let mut records = vec![[0.0; 9]; N];
-    let mut loss = 0.0;
-    for row in 0..SIZE.1 {
-        for column in 0..SIZE.0 {
-            let (px, py) = (f64::from(column) + 0.5, f64::from(row) + 0.5);
-            let offsets = |d: &Drawn| {
-                let (dx, dy) = (d.x - px, d.y - py);
-                let s = d.frame.shape;
-                (s.p * dx + s.q * dy, s.r * dy)
-            };
-            let (mut t, mut c) = (1.0, [0.0; 3]);
-            for d in &drawn {
-                let (e0, e1) = offsets(d);
-                let step = gate(e0, e1, f64::INFINITY, d.opacity, T_STOP, t);
+/// The parameters of a Gaussian.
+#[derive(Clone)]
+struct Gaussian {
+    mean: [f64; 3],
+    rotation: [f64; 4],
+    log_scale: [f64; 3],
+    opacity_logit: f64,
+    sh: Vec<[f64; 3]>,
+}
+
+/// Derivatives of [`crate::Loss::MSE`] by the arrays of one Gaussian, in double precision.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct GradientF64 {
+    /// By its SH coefficients.
+    pub sh: Vec<[f64; 3]>,
+    /// By its opacity logit.
+    pub opacity_logit: f64,
+    /// By its log-scales.
+    pub log_scale: [f64; 3],
+    /// By its quaternion, not normalised.
+    pub rotation: [f64; 4],
+    /// By its mean.
+    pub mean: [f64; 3],
+}
+
+/// A view, and the Gaussians as it shows them, front to back.
+struct Picture<'a> {
+    lens: &'a Lens,
+    size: (u32, u32),
+    background: [f64; 3],
+    antialiased: bool,
+    /// Whether splats end where their alpha falls below 1/255, and pixels stop when little light is left.
+    ends: bool,
+    drawn: &'a [Drawn],
+}
+
+/// What comes of a [`Picture`].
+struct Evaluated {
+    rgb: Vec<f64>,
+    /// Pixels with an end so close that single precision may decide otherwise.
+    doubtful: Vec<bool>,
+    loss: f64,
+    /// In the order of the splats.
+    gradients: Vec<GradientF64>,
+}
+
+impl Picture<'_> {
+    /// Blends it. `loss` gives for a channel of a pixel (as its number) and its value the loss and its derivative.
+    fn evaluate(&self, loss: impl Fn(usize, f64) -> (f64, f64)) -> Evaluated {
+        let mut out =
+            Evaluated { rgb: Vec::new(), doubtful: Vec::new(), loss: 0.0, gradients: Vec::new() };
+        let mut records = vec![[0.0; 9]; self.drawn.len()];
+        let least = if self.ends { f64::from(super::T_STOP) } else { 0.0 };
+        let cut = |d: &Drawn| if self.ends { libm::log(255.0 * d.opacity) } else { f64::INFINITY };
+        for pixel in 0..self.size.0 as usize * self.size.1 as usize {
+            let (column, row) = (pixel % self.size.0 as usize, pixel / self.size.0 as usize);
+            let (px, py) = (column as f64 + 0.5, row as f64 + 0.5);
+            let (mut t, mut c, mut doubtful) = (1.0, [0.0; 3], false);
+            for d in self.drawn {
+                let (e0, e1) = d.offsets(px, py);
+                let step = gate(e0, e1, cut(d), d.opacity, least, t);
+                let rest = t - step.alpha * t;
+                doubtful |= self.ends
+                    && t > 0.0
+                    && ((255.0 * step.og - 1.0).abs() < 1e-2 || (rest / least - 1.0).abs() < 1e-2);
                 for ch in 0..3 {
                     c[ch] += step.w * d.colour[ch];
                 }
                 t = step.t;
             }
-            let mut g = [0.0; 3];
-            let mut rg = 0.0;
+            let (mut g, mut rg) = ([0.0; 3], 0.0);
             for ch in 0..3 {
-                let seen = c[ch] + t * BACKGROUND[ch];
-                let wanted = 0.3 + 0.02 * f64::from(column) - 0.03 * f64::from(row);
-                loss += (seen - wanted).powi(2);
-                g[ch] = 2.0 * (seen - wanted);
-                rg += seen * g[ch];
+                let seen = c[ch] + t.abs() * self.background[ch];
+                let (of, by) = loss(3 * pixel + ch, seen);
+                (out.loss, g[ch]) = (out.loss + of, by);
+                rg += seen * by;
+                out.rgb.push(seen);
             }
+            out.doubtful.push(doubtful);
             let mut t = 1.0;
-            for (d, r) in drawn.iter().zip(&mut records) {
-                let (e0, e1) = offsets(d);
+            for (d, r) in self.drawn.iter().zip(&mut records) {
+                let (e0, e1) = d.offsets(px, py);
                 let cg = d.colour[0] * g[0] + d.colour[1] * g[1] + d.colour[2] * g[2];
-                let step = replay(e0, e1, f64::INFINITY, d.opacity, T_STOP, t, rg, cg);
-                let v = step.v_sigma;
-                let w = step.w;
-                let add = [
-                    w * g[0],
-                    w * g[1],
-                    w * g[2],
-                    v,
-                    v * e0 * e0,
-                    v * e0 * e1,
-                    v * e1 * e1,
-                    v * e0,
-                    v * e1,
-                ];
+                let step = replay(e0, e1, cut(d), d.opacity, least, t, rg, cg);
+                let (v, w) = (step.v_sigma, step.w);
+                let [vx, vy] = [v * e0, v * e1];
+                let add = [w * g[0], w * g[1], w * g[2], v, vx * e0, vx * e1, vy * e1, vx, vy];
                 r.iter_mut().zip(add).for_each(|(r, a)| *r += a);
                 (t, rg) = (step.t, step.rg);
             }
         }
+        out.gradients = self.drawn.iter().zip(&records).map(|(d, r)| self.gradient(d, r)).collect();
+        out
     }
-    let mut gradient = Vec::new();
-    for (d, r) in drawn.iter().zip(&records) {
-        let shape = shape_adjoint(&d.frame, Sym2(r[4], r[5], r[6]), antialiased.then_some(-r[3]));
+
+    /// From the sums over the pixels.
+    fn gradient(&self, d: &Drawn, r: &[f64; 9]) -> GradientF64 {
+        let shape =
+            shape_adjoint(&d.frame, Sym2(r[4], r[5], r[6]), self.antialiased.then_some(-r[3]));
         let v_raw = [0, 1, 2].map(|ch| if d.raw[ch] >= 0.0 { r[ch] } else { 0.0 });
-        let mean = mean_adjoint(lens, &d.frame, shape.v_s, [r[7], r[8]]);
+        let mean = mean_adjoint(self.lens, &d.frame, shape.v_s, [r[7], r[8]]);
         let mean = add3(mean, direction_adjoint(&d.frame, &d.sh, v_raw));
-        gradient.extend([mean.x, mean.y, mean.z]);
-        gradient.extend(shape.d_rotation);
-        gradient.extend(shape.d_log_scale);
-        gradient.push(-(r[3] * (1.0 - d.free_opacity)));
-        gradient.extend(d.basis.iter().flat_map(|b| v_raw.map(|v| b * v)));
+        GradientF64 {
+            mean: [mean.x, mean.y, mean.z],
+            rotation: shape.d_rotation,
+            log_scale: shape.d_log_scale,
+            opacity_logit: -(r[3] * (1.0 - d.free_opacity)),
+            sh: d.basis[..d.sh.len()].iter().map(|b| v_raw.map(|v| b * v)).collect(),
+        }
     }
-    (loss, gradient)
 }
 
-#[test]
-fn all_gradients_agree_with_central_differences() {
-    gradients_agree(false);
+/// A scene at a camera, with the conventions of the f32 stages.
+pub(crate) struct View {
+    lens: Lens,
+    size: (u32, u32),
+    antialiased: bool,
+    /// What the camera has in front of it, front to back.
+    drawn: Vec<Drawn>,
+    /// The number in the scene of each.
+    gaussians: Vec<usize>,
 }
 
-#[test]
-fn gradients_go_through_the_compensation_of_opacity() {
-    gradients_agree(true);
-}
-
-fn gradients_agree(antialiased: bool) {
-    let camera = gs_model::Camera {
-        name: String::new(),
-        width: SIZE.0,
-        height: SIZE.1,
-        fx: 10.0,
-        fy: 11.0,
-        cx: 6.4,
-        cy: 4.2,
-        rotation: glam::DMat3::from_quat(glam::DQuat::from_euler(
-            glam::EulerRot::XYZ,
-            0.1,
-            -0.15,
-            0.05,
-        )),
-        translation: glam::DVec3::new(0.1, -0.2, 0.3),
-        lens: None,
-        near: gs_model::NEAR,
-    };
-    let lens = Lens::new(&camera);
-    let mut rng = testing::Rng::seeded(12);
-    let mut r = |low: f64, high: f64| rng.range(low, high);
-    let mut p = Vec::new();
-    for i in 0..N {
-        let z = 2.0 + i as f64;
-        // The last one is beyond the clamp of both slopes, and large.
-        let (x, y, size) = match i {
-            3 => (z * 1.2, z * 0.95, 1.0),
-            _ => (z * r(-0.3, 0.3), z * r(-0.3, 0.3), 0.3),
+impl View {
+    pub(crate) fn new(scene: &gs_model::Scene, camera: &gs_model::Camera) -> Self {
+        let lens = Lens::new(camera);
+        let of = |i: usize| Gaussian {
+            mean: scene.means[i].map(f64::from),
+            rotation: scene.rotations[i].map(f64::from),
+            log_scale: scene.log_scales[i].map(f64::from),
+            opacity_logit: f64::from(scene.opacity_logits[i]),
+            sh: scene.sh_of(i).iter().map(|v| v.map(f64::from)).collect(),
         };
-        p.extend([x, y, z]);
-        p.extend([r(-2.0, 2.0), r(-2.0, 2.0), r(-2.0, 2.0), r(0.2, 2.0)]);
-        let l = |s: f64| (size * z / 3.0).ln() + s;
-        p.extend([l(r(-1.0, 1.0)), l(r(-1.0, 1.0)), l(r(-1.0, 1.0))]);
-        p.push(r(-1.5, 1.5));
-        for k in 0..48 {
-            let a = if k < 3 { 1.0 } else { 0.25 };
-            p.push(r(-a, a));
-        }
+        let drawn = |i| Some((i, Drawn::new(&lens, &of(i), scene.antialiased)?));
+        let mut all: Vec<(usize, Drawn)> = (0..scene.len()).filter_map(drawn).collect();
+        // The stages sort by f32 depth, equals by number.
+        all.sort_by(|a, b| (a.1.frame.m.z as f32).total_cmp(&(b.1.frame.m.z as f32)));
+        let (gaussians, drawn) = all.into_iter().unzip();
+        let size = (camera.width, camera.height);
+        Self { lens, size, antialiased: scene.antialiased, drawn, gaussians }
     }
-    // The factor is that of half the inverse of the covariance.
-    for p in p.chunks_exact(STRIDE) {
-        let s = draw(&lens, p, antialiased).frame.shape;
-        let det = 1.0 / (4.0 * s.p * s.p * s.r * s.r);
-        let wanted = [det, 2.0 * det * (s.q * s.q + s.r * s.r), 2.0 * det * s.p * s.p];
-        for (got, wanted) in [s.det_over_m * s.m, s.cov_xx, s.cov_yy].iter().zip(wanted) {
-            assert!((got / wanted - 1.0).abs() < 1e-9, "{got} {wanted}");
-        }
+
+    /// The splat of each Gaussian, by its number.
+    pub(crate) fn splats(&self) -> impl Iterator<Item = (usize, &Drawn)> {
+        self.gaussians.iter().copied().zip(&self.drawn)
     }
-    let frame = draw(&lens, &p[3 * STRIDE..], antialiased).frame;
-    assert!(frame.m.x * frame.inv_z > lens.hi_x && frame.m.y * frame.inv_z > lens.hi_y);
-    let (_, got) = evaluate(&lens, &p, antialiased);
-    let h = 1e-5;
-    let wanted: Vec<f64> = (0..p.len())
-        .map(|i| {
-            let at = |x: f64| {
-                let mut q = p.clone();
-                q[i] = x;
-                evaluate(&lens, &q, antialiased).0
-            };
-            (at(p[i] + h) - at(p[i] - h)) / (2.0 * h)
-        })
-        .collect();
-    let largest = wanted.iter().fold(0.0f64, |a, b| a.max(b.abs()));
-    let mut worst = 0.0f64;
-    for (a, b) in got.iter().zip(&wanted) {
-        worst = worst.max((a - b).abs() / b.abs().max(1e-4 * largest));
+
+    /// The image, and which pixels are doubtful.
+    pub(crate) fn image(&self, background: [f64; 3]) -> (Vec<f64>, Vec<bool>) {
+        let of = self.picture(background).evaluate(|_, _| (0.0, 0.0));
+        (of.rgb, of.doubtful)
     }
-    println!("{} parameters: worst relative error {worst:.1e}, largest {largest:.1e}", p.len());
-    assert!(worst < 1e-5, "{worst}");
-    // A quaternion's length has no effect.
-    for (g, p) in got.chunks_exact(STRIDE).zip(p.chunks_exact(STRIDE)) {
-        let along: f64 = g[3..7].iter().zip(&p[3..7]).map(|(g, q)| g * q).sum();
-        assert!(along.abs() < 1e-12 * largest, "{along}");
+
+    /// Gradients of the mean squared error to a photo, by number of the Gaussian.
+    pub(crate) fn gradients(
+        &self,
+        background: [f64; 3],
+        photo: &[f32],
+    ) -> impl Iterator<Item = (usize, GradientF64)> {
+        let n = photo.len() as f64;
+        let of = self.picture(background).evaluate(|at, seen| {
+            let off = seen - f64::from(photo[at]);
+            (off * off / n, 2.0 * off / n)
+        });
+        self.gaussians.iter().copied().zip(of.gradients)
+    }
+
+    fn picture(&self, background: [f64; 3]) -> Picture<'_> {
+        let Self { lens, size, antialiased, drawn, .. } = self;
+        let (size, antialiased) = (*size, *antialiased);
+        Picture { lens, size, background, antialiased, ends: true, drawn }
     }
 }
+
+#[cfg(test)]
+mod tests;

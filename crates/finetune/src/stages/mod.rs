@@ -3,7 +3,8 @@
 //! The per-splat mathematics is written once, in `math/*.wgsl`: the text uses only what WGSL
 //! and Rust have in common (`fn`, `struct`, `let`, positional constructors, no `var`, no
 //! `if`), and a prelude per instance supplies the scalar type `F`, the boolean type `B` and a
-//! dozen functions. This module is the f32 instance; tests instantiate it in f64.
+//! dozen functions. This module is the f32 instance; `f64_instance` is the
+//! other.
 #![allow(
     private_interfaces,
     non_snake_case,
@@ -17,8 +18,8 @@
 
 pub(crate) mod blend;
 pub(crate) mod blend_adjoint;
-#[cfg(test)]
-mod f64_instance;
+#[cfg(any(test, feature = "reference"))]
+pub(crate) mod f64_instance;
 pub(crate) mod gather;
 pub(crate) mod loss;
 pub(crate) mod project;
