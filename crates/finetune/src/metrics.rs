@@ -108,11 +108,11 @@ pub fn ssim(a: &Image, b: &Image) -> f64 {
 }
 
 /// Width and height from which SSIMULACRA2 is defined, pixels.
-pub const SSIMULACRA2_FROM: u32 = 8;
+const SSIMULACRA2_FROM: u32 = 8;
 
 /// SSIMULACRA2 of `a` against the reference `b`, both as 8-bit sRGB, as libjxl's tool computes it: 100 for equal pictures,
 /// 90 where no difference is seen side by side at a normal distance, 70 for a high quality; it may be negative. NaN if
-/// the sizes differ, or an edge is below [`SSIMULACRA2_FROM`] pixels.
+/// the sizes differ, or an edge is below 8 pixels.
 ///
 /// The Python package `ssimulacra2` 0.3 differs from that tool, and from this, by up to 8.
 #[must_use]

@@ -28,11 +28,11 @@ pub struct PhotoCheck {
     /// Number of photos that were compared.
     pub views: usize,
     /// Those that are more like the render of another camera than like that of their own.
-    pub misplaced: usize,
+    misplaced: usize,
     /// The part of a photo's variance that its camera's render does not explain, mean.
     pub unlike_own: f64,
     /// The same of renders of other cameras.
-    pub unlike_others: f64,
+    unlike_others: f64,
     /// Mean PSNR of the renders, dB.
     pub psnr: f64,
     /// The same after a gain and an offset of each colour of each photo.

@@ -42,7 +42,7 @@ pub struct Limits {
 impl Limits {
     /// Counts those of other Gaussians too.
     #[must_use]
-    pub fn plus(self, other: Self) -> Self {
+    pub(crate) fn plus(self, other: Self) -> Self {
         Self {
             opaque: self.opaque + other.opaque,
             transparent: self.transparent + other.transparent,

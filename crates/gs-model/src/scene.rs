@@ -84,11 +84,9 @@ impl Scene {
         }
     }
 
-    /// As [`Scene::zeros`].
-    ///
-    /// # Errors
-    /// If the system has no memory.
-    pub fn try_zeros(n: usize, sh_degree: u8) -> Result<Self, TryReserveError> {
+    /// As [`Scene::zeros`], or an error if the system has no memory.
+    #[cfg(feature = "files")]
+    pub(crate) fn try_zeros(n: usize, sh_degree: u8) -> Result<Self, TryReserveError> {
         // Asked for and given back: memory that is reserved does not come zeroed.
         Self { sh_degree, ..Self::default() }.try_reserve(n)?;
         Ok(Self::zeros(n, sh_degree))

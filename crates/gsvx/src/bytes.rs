@@ -44,7 +44,8 @@ impl Writer {
     }
 }
 
-/// Reads little-endian values from a slice; every read is bounds-checked.
+/// Reads little-endian values from a slice. [`Error::Truncated`] if there is less, [`Error::Corrupt`] for a value that
+/// cannot be.
 #[derive(Clone, Debug)]
 pub(crate) struct SliceReader<'a> {
     bytes: &'a [u8],
@@ -64,9 +65,6 @@ impl<'a> SliceReader<'a> {
     }
 
     /// The next `n` bytes.
-    ///
-    /// # Errors
-    /// [`Error::Truncated`] if fewer are left.
     pub(crate) fn take(&mut self, n: usize) -> Result<&'a [u8]> {
         if n > self.remaining() {
             return Err(Error::Truncated {
@@ -88,33 +86,21 @@ impl<'a> SliceReader<'a> {
     }
 
     /// One byte.
-    ///
-    /// # Errors
-    /// [`Error::Truncated`].
     pub(crate) fn u8(&mut self) -> Result<u8> {
         Ok(self.array::<1>()?[0])
     }
 
     /// Four bytes.
-    ///
-    /// # Errors
-    /// [`Error::Truncated`].
     pub(crate) fn u32(&mut self) -> Result<u32> {
         Ok(u32::from_le_bytes(self.array()?))
     }
 
     /// An IEEE 754 single of any value.
-    ///
-    /// # Errors
-    /// [`Error::Truncated`].
     pub(crate) fn f32(&mut self) -> Result<f32> {
         Ok(f32::from_le_bytes(self.array()?))
     }
 
     /// An IEEE 754 single that must be finite.
-    ///
-    /// # Errors
-    /// [`Error::Truncated`]; [`Error::Corrupt`] if NaN or infinite.
     pub(crate) fn finite_f32(&mut self, what: &'static str) -> Result<f32> {
         let v = self.f32()?;
         if v.is_finite() {
@@ -125,18 +111,12 @@ impl<'a> SliceReader<'a> {
     }
 
     /// An IEEE 754 double that must be finite.
-    ///
-    /// # Errors
-    /// [`Error::Truncated`]; [`Error::Corrupt`] if NaN or infinite.
     pub(crate) fn finite_f64(&mut self, what: &'static str) -> Result<f64> {
         let v = f64::from_le_bytes(self.array()?);
         if v.is_finite() { Ok(v) } else { Err(Error::Corrupt { what, value: v.to_bits() }) }
     }
 
     /// A LEB128 integer of at most ten bytes.
-    ///
-    /// # Errors
-    /// [`Error::Truncated`]; [`Error::Corrupt`] if it does not fit 64 bits.
     pub(crate) fn varint(&mut self) -> Result<u64> {
         let mut last = 0;
         let read = gpcc_lite::varint(|| {
@@ -147,9 +127,6 @@ impl<'a> SliceReader<'a> {
     }
 
     /// A varint length and that many bytes.
-    ///
-    /// # Errors
-    /// [`Error::Truncated`].
     pub(crate) fn block(&mut self) -> Result<&'a [u8]> {
         let n = self.varint()?;
         self.take(usize::try_from(n).unwrap_or(usize::MAX))

@@ -142,7 +142,7 @@ impl TunePlan {
 
     /// Steps of the whole run.
     #[must_use]
-    pub fn steps(&self) -> u64 {
+    pub(crate) fn steps(&self) -> u64 {
         self.rounds * self.round_steps + self.loop_steps
     }
 

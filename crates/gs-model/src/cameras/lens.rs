@@ -110,7 +110,7 @@ impl Bending {
     /// Where light falls from a direction in camera coordinates, which may be behind the camera. `None` where the model
     /// says nothing of it.
     #[must_use]
-    pub fn of_direction(&self, [x, y, z]: [f64; 3]) -> Option<[f64; 2]> {
+    pub(crate) fn of_direction(&self, [x, y, z]: [f64; 3]) -> Option<[f64; 2]> {
         let r2 = x * x + y * y;
         let r = r2.sqrt();
         let scaled = |factor: f64| Some([x * factor, y * factor]);

@@ -42,7 +42,7 @@ pub struct CoarseCells {
 impl CoarseCells {
     /// Which Gaussians are meant: "typical" or "small".
     #[must_use]
-    pub fn which(&self) -> &'static str {
+    pub(crate) fn which(&self) -> &'static str {
         if self.of_small { "small" } else { "typical" }
     }
 }

@@ -40,7 +40,7 @@ pub enum ImportanceFrom {
 impl ImportanceFrom {
     /// The source, if importances come from cameras or not.
     #[must_use]
-    pub fn of(by_cameras: bool, drop_unseen: bool) -> Self {
+    pub(crate) fn of(by_cameras: bool, drop_unseen: bool) -> Self {
         match (by_cameras, drop_unseen) {
             (false, _) => Self::Guess,
             (true, false) => Self::Cameras,

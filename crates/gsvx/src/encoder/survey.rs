@@ -95,13 +95,13 @@ impl Survey {
 
     /// The highest SH degree with a coefficient that is not zero.
     #[must_use]
-    pub fn sh_degree(&self) -> u8 {
+    pub(crate) fn sh_degree(&self) -> u8 {
         self.degree
     }
 
     /// The cube of all means, which are finite.
     #[must_use]
-    pub fn cube(&self) -> Cube {
+    pub(crate) fn cube(&self) -> Cube {
         match self.count {
             0 => Cube::spanning([0.0; 3], [0.0; 3]),
             _ => Cube::spanning(self.low, self.high),

@@ -52,6 +52,9 @@ pub(crate) static FORMAT: Format = Format {
 
 /// Reads a 3DGS model, with the default [`ReadOptions`].
 ///
+/// Memory: the scene, and the file too if it is ASCII or has lists or other elements. A header that
+/// promises more rows than the file holds is an error before anything is allocated for them.
+///
 /// # Errors
 /// [`Error::Io`] if the file cannot be read; [`Error::OtherFormat`], [`Error::Malformed`] or
 /// [`Error::Truncated`] if it is not a 3DGS model or not whole; [`Error::InvalidGaussian`].
@@ -59,14 +62,8 @@ pub fn read(path: impl AsRef<Path>) -> Result<(Scene, Report)> {
     read_with(path, &ReadOptions::default())
 }
 
-/// Reads a 3DGS model.
-///
-/// Memory: the scene, and the file too if it is ASCII or has lists or other elements. A header that
-/// promises more rows than the file holds is an error before anything is allocated for them.
-///
-/// # Errors
-/// As [`read`]; with [`crate::Invalid::Drop`] no invalid Gaussian is an error.
-pub fn read_with(path: impl AsRef<Path>, options: &ReadOptions) -> Result<(Scene, Report)> {
+/// As [`read`], with other options.
+pub(crate) fn read_with(path: impl AsRef<Path>, options: &ReadOptions) -> Result<(Scene, Report)> {
     let path = path.as_ref();
     let Some((mut scene, mut report)) = stream::read(path)? else {
         return FORMAT.read(path, &fs::read(path)?, options);

@@ -48,7 +48,7 @@ pub struct Parts {
 
 impl Parts {
     /// Opens a binary file that holds Gaussians of fixed length and nothing else. `None` if it is anything else,
-    /// which [`super::read_with`] reads or refuses.
+    /// which [`super::read`] reads or refuses.
     ///
     /// # Errors
     /// [`Error::Io`]; those of the columns.
