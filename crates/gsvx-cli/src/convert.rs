@@ -1,19 +1,16 @@
 //! `gsvx convert`.
 
-use crate::content;
-use crate::exit::usage;
-use crate::format;
-use crate::glb;
-use crate::input::{Axes, ReadingAny};
+use crate::exit::{note, usage};
+use crate::input::{self, Axes, ReadingAny};
 use crate::output::{Output, Written, counted};
 use crate::report::Reporter;
-use crate::size;
-use anyhow::Result;
+use crate::{content, doubts, encode, format, glb, size, views};
+use anyhow::{Context, Result, bail};
 use gs_model::spz::{self, ShBits};
 use gs_model::{Format, Scene};
 use indicatif::DecimalBytes;
 use serde_json::json;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 pub(crate) fn more() -> String {
     format!("{EXAMPLES}\n\n{}\n{AXES}", format::table())
@@ -30,6 +27,7 @@ Examples:
   gsvx convert scene.gsvx small.glb --compress          glTF that holds the stream
   gsvx convert scene.sog scene.compressed.ply
   gsvx convert folder/meta.json model.ply               an unbundled SOG
+  gsvx convert model.ply small.ply --gaussians 500k     fewer Gaussians, merged where that shows least
   cat a.splat | gsvx convert - a.ply --from splat";
 
 /// The name of the format whose axes are not always turned.
@@ -66,6 +64,16 @@ pub(crate) struct ConvertArgs {
     /// then this command.
     #[arg(short, long, requires = "compress", value_parser = content::quality)]
     quality: Option<f32>,
+    /// Merge to at most so many Gaussians, without coding: 200000, 500k, 1.2M.
+    ///
+    /// What costs least to merge goes first. What no rasterizer draws is left out. The order of the Gaussians changes. A
+    /// model that has no more is written as it is.
+    #[arg(long, value_name = "N", value_parser = size::count, allow_hyphen_values = true, conflicts_with = "compress")]
+    gaussians: Option<u64>,
+    /// With --gaussians: cameras of the training photos. What they see stays fine, and some of what they do not see is
+    /// left out.
+    #[arg(long, value_name = "PATH", requires = "gaussians")]
+    cameras: Option<PathBuf>,
     /// Bits per SH coefficient in SPZ: of degree 1, of degrees 2 and 3.
     #[arg(long, value_name = "N,M", value_parser = sh_bits, default_value = "8,8")]
     spz_sh_bits: ShBits,
@@ -93,13 +101,17 @@ pub(crate) fn run(args: &ConvertArgs, report: Reporter) -> Result<()> {
         return Err(usage(format!("{name}: only a .glb holds a stream; leave out --compress")));
     }
     let output = Output::open(&args.output, args.force, &[&args.input])?;
-    let mut notes = Vec::new();
+    let (mut notes, mut were) = (Vec::new(), None);
     let (written, gaussians, sh_degree) = if args.compress {
         let stream = glb::stream(&args.reading, &args.input, args.quality, &mut notes)?;
         glb::write(output, &stream)?
     } else {
         let (mut scene, file) = args.reading.any(&args.input)?;
         notes = file.sentences();
+        if let Some(most) = args.gaussians {
+            were = Some(scene.len());
+            scene = fewer(args, scene, most)?;
+        }
         if format.name == SPZ && args.reading.model.axes == Axes::Keep {
             // Writing SPZ turns the scene again, back to the axes that it had.
             spz::turn(&mut scene);
@@ -107,14 +119,44 @@ pub(crate) fn run(args: &ConvertArgs, report: Reporter) -> Result<()> {
         let sh_degree = scene.sh_degree.min(format.max_sh_degree);
         (write(args, format, output, &scene)?, scene.len(), sh_degree)
     };
-    let human = format!("{}, {}", counted(gaussians, "Gaussian"), DecimalBytes(written.bytes));
+    let of = were.filter(|&n| n > gaussians).map_or(String::new(), |n| format!(" of {n}"));
+    let human = format!("{}{of}, {}", counted(gaussians, "Gaussian"), DecimalBytes(written.bytes));
     let json = json!({
+        "input_gaussians": were.unwrap_or(gaussians),
         "gaussians": gaussians,
         "sh_degree": sh_degree,
         "bytes": written.bytes,
         "notes": notes,
     });
     report.wrote(&written, &human, json)
+}
+
+/// A scene of at most so many Gaussians.
+fn fewer(args: &ConvertArgs, scene: Scene, most: u64) -> Result<Scene> {
+    let (name, n) = (input::name(&args.input), scene.len());
+    let most = usize::try_from(most).unwrap_or(usize::MAX);
+    if n <= most {
+        note(format_args!(
+            "{name}: has {}, no more than asked for; none is merged",
+            counted(n, "Gaussian")
+        ));
+        return Ok(scene);
+    }
+    let (photos, placed) = views::with_photos(args.cameras.as_deref(), &scene)?;
+    let cameras = placed.map(|placed| placed.cameras);
+    let meters = encode::meters(cameras.as_deref());
+    let made = tune::decimate(&scene, most, cameras.as_deref(), &photos, meters);
+    let path = args.cameras.as_deref().unwrap_or(Path::new(""));
+    let made = match made {
+        Err(error @ tune::Error::NothingSeen) => bail!("{}: {error}", path.display()),
+        other => other.with_context(|| name.clone())?,
+    };
+    made.doubts.iter().for_each(|doubt| doubts::warn_with(path, doubt, ""));
+    let invisible = scene.drawn().map_or(0, |drawn| n - drawn.len());
+    if invisible > 0 {
+        note(format_args!("{name}: {}", content::transparent(invisible)));
+    }
+    Ok(made.scene)
 }
 
 /// Writes a model.

@@ -8,14 +8,17 @@ use tune::CameraDoubt;
 
 /// Says why cameras, which `path` names, may not be the model's own, and what becomes of them.
 pub(crate) fn warn(path: &Path, doubt: &CameraDoubt) {
+    warn_with(path, doubt, ", but with --drop-unseen they are");
+}
+
+/// As [`warn`]; `unless` says when importances that are not used are.
+pub(crate) fn warn_with(path: &Path, doubt: &CameraDoubt, unless: &str) {
     let then = match doubt {
         CameraDoubt::Photos(error) => {
             return note(format_args!("warning: {}; the cameras are not used", named(path, error)));
         }
-        CameraDoubt::Share(_) => "",
-        CameraDoubt::Misfit(_) => {
-            "; their importances are not used, but with --drop-unseen they are"
-        }
+        CameraDoubt::Share(_) => String::new(),
+        CameraDoubt::Misfit(_) => format!("; their importances are not used{unless}"),
     };
     note(format_args!("warning: {}: {doubt}{then}", path.display()));
 }

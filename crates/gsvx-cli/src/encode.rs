@@ -332,11 +332,8 @@ fn json(outcome: &EncodeOutcome) -> Value {
 
 /// The stream that the flags ask for, and where the cameras are from.
 fn encoded(args: &EncodeArgs, name: &str, scene: Scene) -> Result<(EncodeOutcome, Option<Origin>)> {
-    let content = &args.scene.content;
-    let path = content.cameras.as_deref();
-    let read = path.map(|path| views::training(path, scene.origin)).transpose()?;
-    let photos = read.as_ref().map_or(Vec::new(), |read| read.views.clone());
-    let placed = path.zip(read).map(|(path, read)| views::as_pinholes(path, read)).transpose()?;
+    let path = args.scene.content.cameras.as_deref();
+    let (photos, placed) = views::with_photos(path, &scene)?;
     let (cameras, origin) = placed.map(|p| (p.cameras, p.origin)).unzip();
     let recipe = EncodeRecipe {
         aim: args.aim(),
@@ -356,7 +353,9 @@ fn encoded(args: &EncodeArgs, name: &str, scene: Scene) -> Result<(EncodeOutcome
 }
 
 /// Shows how far an encode is.
-fn meters(cameras: Option<&[Camera]>) -> impl FnMut(EncodeEvent<'_>) -> ControlFlow<()> + use<> {
+pub(crate) fn meters(
+    cameras: Option<&[Camera]>,
+) -> impl FnMut(EncodeEvent<'_>) -> ControlFlow<()> + use<> {
     let mut bar = cameras.map(|cameras| Meter::new("importance", cameras.len()));
     move |event| {
         let (what, done, all) = match event {

@@ -213,6 +213,17 @@ pub(crate) fn training(path: &Path, scene_origin: [f64; 3]) -> Result<ReadViews>
     Ok(ReadViews { views, origin })
 }
 
+/// The training views of a scene with their photos, and pinhole cameras of them; nothing without a path.
+pub(crate) fn with_photos(
+    path: Option<&Path>,
+    scene: &Scene,
+) -> Result<(Vec<View>, Option<PlacedCameras>)> {
+    let Some(path) = path else { return Ok((Vec::new(), None)) };
+    let read = training(path, scene.origin)?;
+    let photos = read.views.clone();
+    Ok((photos, Some(as_pinholes(path, read)?)))
+}
+
 /// Pinhole cameras that show what the photos of the views show.
 pub(crate) fn as_pinholes(path: &Path, read: ReadViews) -> Result<PlacedCameras> {
     let ReadViews { views, mut origin } = read;

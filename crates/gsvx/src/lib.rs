@@ -26,7 +26,7 @@ pub use encoder::{
     Aim, Choices, CoarseCells, CodeOptions, DEFAULT_QUALITY, EncodeOptions, EncodeProgress,
     EncodeWarning, Encoded, Encoder, EncoderOutput, ImportanceFrom, Joined, LEFT_OUT, Leaves,
     MaxError, Measure, Missed, Plan, PrepareOptions, Prepared, Preset, Survey, check_values,
-    encode, encode_lossless, encode_voxels, join, latents, prepare, prune, rate,
+    decimate, encode, encode_lossless, encode_voxels, join, latents, prepare, prune, rate,
 };
 pub use error::{Error, Result};
 pub use gpcc_lite::{Cube, Leaf, Octree};

@@ -151,31 +151,12 @@ pub fn encode(
     let EncodeRecipe { aim, options, cameras, photos, .. } = *recipe;
     let drop_unseen = options.prepare.drop_unseen;
     let drawn = leave_out_transparent(&mut scene, recipe)?;
-    let mut doubts = Vec::new();
-    let proven = match check_photos(&scene, photos) {
-        Err(error) if drop_unseen => return Err(error),
-        Err(error) => {
-            doubts.push(CameraDoubt::Photos(error));
-            false
-        }
-        Ok(proven) => proven,
-    };
     let mut tell = |event: EncodeEvent<'_>| match progress(event) {
         ControlFlow::Continue(()) => Ok(()),
         ControlFlow::Break(()) => Err(Error::from(gsvx::Error::Cancelled)),
     };
-    let (mut seen, mut importance) = (None, None);
-    if let Some(cameras) = cameras.filter(|_| doubts.is_empty()) {
-        let step = |done| tell(EncodeEvent::Visibility(done, cameras.len()));
-        let visibility = Visibility::of(&scene, cameras, step)?;
-        let (share, unseen) = (visibility.share(&scene), visibility.unseen());
-        if share == 0.0 {
-            return Err(Error::NothingSeen);
-        }
-        doubts.extend(doubt_about_share(share).map(|_| CameraDoubt::Share(share)));
-        seen = Some(VisibilityCount { share, unseen, ..VisibilityCount::default() });
-        importance = Some(visibility.squared);
-    }
+    let Seen { importance, count: mut seen, mut doubts, proven } =
+        Seen::by(&scene, (cameras, photos), drop_unseen, &mut tell)?;
     // The likeness is to the model before pruning.
     let likeness = cameras.filter(|_| matches!(aim, Aim::Alike { .. }));
     let step = |done, all| tell(EncodeEvent::References(done, all));
@@ -203,6 +184,45 @@ pub fn encode(
         add_transparent(&mut output.encoded, all, &drawn);
     }
     Ok(EncodeOutcome { output, seen, doubts, loss, estimate_seconds })
+}
+
+/// What cameras see of a model.
+pub(crate) struct Seen {
+    /// Of each Gaussian; `None` without cameras, or if photos kept them out.
+    pub(crate) importance: Option<Vec<f32>>,
+    count: Option<VisibilityCount>,
+    pub(crate) doubts: Vec<CameraDoubt>,
+    /// Whether photos prove the cameras.
+    pub(crate) proven: bool,
+}
+
+impl Seen {
+    /// By cameras, if there are any, which photos may prove.
+    pub(crate) fn by(
+        scene: &Scene,
+        (cameras, photos): (Option<&[Camera]>, &[View]),
+        drop_unseen: bool,
+        tell: &mut dyn FnMut(EncodeEvent<'_>) -> Result<()>,
+    ) -> Result<Self> {
+        let mut seen = Self { importance: None, count: None, doubts: Vec::new(), proven: false };
+        match check_photos(scene, photos) {
+            Err(error) if drop_unseen => return Err(error),
+            Err(error) => seen.doubts.push(CameraDoubt::Photos(error)),
+            Ok(proven) => seen.proven = proven,
+        }
+        if let Some(cameras) = cameras.filter(|_| seen.doubts.is_empty()) {
+            let step = |done| tell(EncodeEvent::Visibility(done, cameras.len()));
+            let visibility = Visibility::of(scene, cameras, step)?;
+            let (share, unseen) = (visibility.share(scene), visibility.unseen());
+            if share == 0.0 {
+                return Err(Error::NothingSeen);
+            }
+            seen.doubts.extend(doubt_about_share(share).map(|_| CameraDoubt::Share(share)));
+            seen.count = Some(VisibilityCount { share, unseen, ..VisibilityCount::default() });
+            seen.importance = Some(visibility.squared);
+        }
+        Ok(seen)
+    }
 }
 
 /// A stream, and how much less it shows than its model.

@@ -3,6 +3,7 @@
 mod checkpoint;
 mod codec_loop;
 mod course;
+mod decimate;
 #[cfg(feature = "gpu")]
 mod device;
 mod encode;
@@ -27,6 +28,7 @@ mod trainer;
 mod undistort;
 mod views;
 
+pub use decimate::{Decimated, decimate};
 pub use encode::{
     CameraDoubt, EncodeEvent, EncodeOutcome, EncodeRecipe, VisibilityCount, encode, misfit,
 };

@@ -86,6 +86,12 @@ impl CellMoments {
         self.offset_squared.max(0.0)
     }
 
+    /// Weighted sum of squared distances of the means from their weighted mean.
+    pub(crate) fn scatter(&self) -> f64 {
+        let square = square(&self.offset);
+        (self.offset_squared - square / self.weight.max(f64::MIN_POSITIVE)).max(0.0)
+    }
+
     /// Weighted sum of squared distances of the covariances' square roots from their mean.
     pub(crate) fn shape(&self) -> f64 {
         let square = norm_squared(&self.root);

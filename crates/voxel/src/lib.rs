@@ -73,7 +73,7 @@ pub use error::{Error, Result};
 pub use gpcc_lite::{Cube, Leaf, Octree};
 pub use importance::Importance;
 pub use local::local_means;
-pub use merge::{Merge, Merging, merge};
+pub use merge::{Merge, Merging, Place, merge};
 pub use order::morton_codes;
 pub use rate_distortion::RateDistortion;
 pub use record::WeightSums;

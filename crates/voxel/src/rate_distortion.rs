@@ -7,6 +7,7 @@ use crate::check::{check, check_depths};
 use crate::cost::CostModel;
 use crate::error::Result;
 use crate::importance::Importance;
+use crate::merge::Place;
 
 /// Parameters of the rate-distortion strategy.
 #[derive(Clone, Debug, PartialEq)]
@@ -32,6 +33,8 @@ pub struct RateDistortion {
     /// Distortion of leaving a Gaussian out, per unit of its importance; `None` keeps all. A
     /// Gaussian gets no leaf where that costs less, see [`Voxelization::dropped`](crate::Voxelization::dropped).
     pub drop: Option<f64>,
+    /// Where the merged Gaussian of a leaf will be.
+    pub place: Place,
 }
 
 impl RateDistortion {
@@ -50,6 +53,7 @@ impl RateDistortion {
             shape: 1.0,
             colour: 1.0,
             drop: None,
+            place: Place::LeafCentre,
         }
     }
 

@@ -4,6 +4,7 @@ mod assemble;
 mod bounded;
 mod check;
 mod coarse;
+mod decimate;
 mod encode;
 mod encoded;
 mod exact;
@@ -24,6 +25,7 @@ mod tiled;
 mod warning;
 
 pub use check::check_values;
+pub use decimate::decimate;
 pub use encode::encode_voxels;
 pub use encoded::{CoarseCells, Encoded, LEFT_OUT};
 pub use exact::encode_lossless;

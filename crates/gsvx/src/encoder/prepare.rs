@@ -149,14 +149,14 @@ pub fn prepare(
 }
 
 /// What is encoded, with what belongs to each Gaussian.
-struct Input<'a> {
-    scene: Cow<'a, Scene>,
-    importance: Option<Vec<f32>>,
+pub(super) struct Input<'a> {
+    pub(super) scene: Cow<'a, Scene>,
+    pub(super) importance: Option<Vec<f32>>,
     /// Where each Gaussian was that was not left out; `None` if all are here.
     kept: Option<Vec<usize>>,
     /// Gaussians that no rasterizer draws.
     transparent: usize,
-    survey: Survey,
+    pub(super) survey: Survey,
 }
 
 impl<'a> Input<'a> {
@@ -171,7 +171,7 @@ impl<'a> Input<'a> {
     }
 
     /// A scene without what no rasterizer draws and without the least important Gaussians.
-    fn lossy(
+    pub(super) fn lossy(
         scene: &'a Scene,
         importance: Option<&[f32]>,
         quality: f32,
@@ -222,7 +222,7 @@ impl<'a> Input<'a> {
     }
 
     /// Takes the outliers out, if there are any.
-    fn take_out(&mut self, split: Option<&Trimmed>) -> Result<Option<Scene>> {
+    pub(super) fn take_out(&mut self, split: Option<&Trimmed>) -> Result<Option<Scene>> {
         let Some(split) = split else { return Ok(None) };
         let outliers = self.scene.select(&split.outliers);
         self.select(&split.inside)?;

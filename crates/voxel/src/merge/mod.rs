@@ -29,6 +29,16 @@ pub enum Merge {
     Moments,
 }
 
+/// Where the merged Gaussian of a leaf is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Place {
+    /// At the leaf's centre, which is what a stream codes.
+    #[default]
+    LeafCentre,
+    /// At the weighted mean of the members' means. A leaf of one member keeps its mean.
+    MemberMean,
+}
+
 /// The attributes of a merged Gaussian, except its mean and its SH coefficients.
 struct Shape {
     rotation: [f32; 4],
@@ -56,6 +66,7 @@ pub struct Merging<'a> {
     voxelization: &'a Voxelization,
     rule: Merge,
     importance: &'a Importance,
+    place: Place,
 }
 
 impl<'a> Merging<'a> {
@@ -78,7 +89,13 @@ impl<'a> Merging<'a> {
             return Err(Error::Member { member, len: scene.len() });
         }
         importance.check_members(scene, members)?;
-        Ok(Self { scene, voxelization, rule, importance })
+        Ok(Self { scene, voxelization, rule, importance, place: Place::LeafCentre })
+    }
+
+    /// The same with the merged Gaussians at another place.
+    #[must_use]
+    pub fn at(self, place: Place) -> Self {
+        Self { place, ..self }
     }
 
     /// The merged Gaussians.
@@ -191,11 +208,14 @@ impl<'a> BatchMembers<'a> {
 /// scene, and only then do the cache misses of many leaves overlap.
 #[multiversion(targets("x86_64+avx2"))]
 fn fill(out: SceneMut<'_>, merging: &Merging<'_>, first: usize, scratch: &mut Scratch) {
-    let Merging { scene, voxelization, rule, .. } = *merging;
+    let Merging { scene, voxelization, rule, place, .. } = *merging;
     let batch = BatchMembers::new(voxelization, first, out.len());
     let sh_len = out.sh_len();
     for (i, mean) in out.means.iter_mut().enumerate() {
-        *mean = voxelization.octree().centre(first + i);
+        *mean = match place {
+            Place::LeafCentre => voxelization.octree().centre(first + i),
+            Place::MemberMean => scene.means[batch.first(i)],
+        };
     }
     // First every leaf as if its first member were the only one.
     sh::copy(scene, &batch, 0..sh_len, out.sh);
@@ -223,6 +243,9 @@ fn fill(out: SceneMut<'_>, merging: &Merging<'_>, first: usize, scratch: &mut Sc
     for &i in &*shared {
         let range = start..start + batch.of(i).len();
         start = range.end;
+        if place == Place::MemberMean {
+            out.means[i] = moments::mean(scene, &members[range.clone()], &weights[range.clone()]);
+        }
         match rule {
             Merge::Paper => put(i, paper::shape(scene, &members[range])),
             Merge::Moments => {

@@ -74,6 +74,18 @@ pub(super) fn normalise(weights: &mut [f64]) {
     }
 }
 
+/// The weighted mean of the means of a leaf's members.
+pub(super) fn mean(scene: &Scene, members: &[u32], weights: &[f64]) -> [f32; 3] {
+    let share = 1.0 / weights.iter().sum::<f64>();
+    let first = scene.means[members[0] as usize].map(f64::from);
+    let offset = |k: usize| -> f64 {
+        let of =
+            |(&m, &w): (&u32, &f64)| w * share * (f64::from(scene.means[m as usize][k]) - first[k]);
+        members.iter().zip(weights).map(of).sum()
+    };
+    std::array::from_fn(|k| (first[k] + offset(k)) as f32)
+}
+
 /// Up to [`LANES`] leaves whose moments are summed and whose shapes are not computed yet.
 #[derive(Default)]
 pub(super) struct PendingLeaves {

@@ -2,6 +2,7 @@
 
 use super::Pruning;
 use crate::distortion::CellMoments;
+use crate::merge::Place;
 use crate::voxelization::DROPPED;
 
 impl Pruning<'_> {
@@ -27,7 +28,11 @@ impl Pruning<'_> {
     /// Cost of a leaf at `depth` of which these are the moments, relative to its centre: its
     /// price, and the distortion of giving all members one mean, one shape and one colour.
     pub(super) fn leaf_cost(&self, moments: &CellMoments, depth: u8) -> f64 {
-        moments.displacement()
+        let displacement = match self.options.place {
+            Place::LeafCentre => moments.displacement(),
+            Place::MemberMean => moments.scatter(),
+        };
+        displacement
             + self.leaf_price(depth)
             + (self.options.shape * moments.shape() + self.options.colour * moments.colour())
     }

@@ -4,6 +4,7 @@ use super::Pruning;
 use super::state::Solved;
 use crate::descend::OccupiedCell;
 use crate::distortion::CellMoments;
+use crate::merge::Place;
 use crate::record::Record;
 
 impl Pruning<'_> {
@@ -23,6 +24,11 @@ impl Pruning<'_> {
     ) -> Solved {
         let (code, record) = (cell.codes[0], &cell.members[0]);
         let (j_low, j_high) = (self.options.j_low, self.options.j_high);
+        // A Gaussian that keeps its mean is displaced by nothing.
+        let geometry = match self.options.place {
+            Place::LeafCentre => record.geometry,
+            Place::MemberMean => 0.0,
+        };
         let (lambda, bits) = (self.options.lambda, &self.options.cost);
         // Of a divided cell with one child, and that with the flag that it has from `j_low` on.
         let division = lambda * bits.occupancy[0];
@@ -39,7 +45,7 @@ impl Pruning<'_> {
         let (mut cost, mut best, mut d) = (f64::INFINITY, j_high, first);
         loop {
             let [x, y, z] = displacement;
-            let distortion = record.geometry * (x * x + y * y + z * z);
+            let distortion = geometry * (x * x + y * y + z * z);
             let leaf_at_d = distortion + path + self.leaf_price(d);
             if leaf_at_d < cost {
                 (cost, best) = (leaf_at_d, d);
