@@ -36,7 +36,7 @@ fn a_file_that_is_no_model_is_named_with_what_to_do() {
         ("a.fbx", b"Kaydara FBX Binary  ", "a mesh"),
         ("a.npy", b"\x93NUMPY\x01\0", "tensors"),
         ("a.ckpt", b"\x80\x02}", "tensors"),
-        ("a.usdc", b"PXR-USDC", "a USD scene"),
+        ("a.usdc", b"PXR-USDC", "an OpenUSD scene"),
     ];
     for (name, bytes, needle) in cases {
         says(read(name, bytes), &format!("{name}: is no model: it is "));
@@ -53,7 +53,7 @@ fn archives_are_named_by_what_they_hold() {
     let npz = archive("means.npy", b"\x93NUMPY");
     says(read("a.npz", &npz), "tensors");
     says(read("a.pt", &archive("archive/data.pkl", b"")), "tensors");
-    says(read("a.usdz", &archive("a.usdc", b"")), "a USD scene");
+    says(read("a.usdz", &archive("a.usdc", b"")), "an OpenUSD scene");
     says(read("a.zip", &archive("notes.txt", b"")), "no SOG");
     says(read("a.ply.gz", &gzip(&ply)), "a PLY compressed by gzip and no SPZ; unpack it first");
     says(read("a.tgz", &gzip(&[0; 600])), "tar xzf");

@@ -36,7 +36,7 @@ const SPZ: &str = "spz";
 const GLB: &str = "glb";
 
 const AXES: &str = "\
-To write a gsvx stream, use gsvx encode.
+To write a gsvx stream, use gsvx encode. OpenUSD (.usd) is read and written in Python: gsvx.from_usd, gsvx.to_usd.
 
 With --compress a .glb holds a gsvx stream in the extension GSVX_gaussian_splatting_compression. gsvx
 reads such files wherever it reads models; three.js needs the plugin gsvx/gltf of the npm package.

@@ -25,6 +25,7 @@ const PICTURE: &str =
     "a picture; gsvx reads models (of an unbundled SOG name the meta.json beside its pictures)";
 const POINTS: &str = "a point cloud without Gaussians; train a model on it, and name the model";
 const MESH: &str = "a mesh; gsvx reads models of Gaussians";
+const USD: &str = "an OpenUSD scene; gsvx.from_usd of the Python package reads it, and gsvx.to_usd writes such files";
 const TENSORS: &str = "tensors, such as a checkpoint of training; export the model from the trainer as PLY, or pass the \
                        arrays to gsvx.compress of the Python package";
 
@@ -54,8 +55,8 @@ const SIGNATURES: &[Signature] = &[
     signature(b"ASTM-E57", POINTS),
     signature(b"# .PCD", POINTS),
     signature(b"Kaydara FBX", MESH),
-    signature(b"PXR-USDC", "a USD scene; export its Gaussians as PLY"),
-    signature(b"#usda", "a USD scene; export its Gaussians as PLY"),
+    signature(b"PXR-USDC", USD),
+    signature(b"#usda", USD),
     signature(
         b"BLENDER",
         "a Blender file; export its Gaussians with the extension of gsvx for Blender",
@@ -130,7 +131,7 @@ pub(crate) fn zip(file: &Path, members: &[std::borrow::Cow<'_, str>]) -> Error {
         return is(file, TENSORS);
     }
     if ends(&[".usd", ".usda", ".usdc"]).is_some() {
-        return is(file, "a USD scene; export its Gaussians as PLY");
+        return is(file, USD);
     }
     let names = crate::error::excerpt(members[..members.len().min(3)].join(", ").as_bytes());
     is(file, &format!("a zip archive, but no SOG, which has a meta.json; it holds {names:?}"))

@@ -19,6 +19,7 @@ from ._render import compare, orbit, render
 from ._reports import Comparison, Estimate, Progress, Report, TuneReport, ViewScore
 from ._stream import Chunk, Stream, open
 from ._tune import tune
+from ._usd import from_usd, to_usd
 
 __all__ = [
     "Cameras",
@@ -41,12 +42,14 @@ __all__ = [
     "compress_to_bytes",
     "decompress",
     "decompress_bytes",
+    "from_usd",
     "open",
     "orbit",
     "read_cameras",
     "read_model",
     "render",
     "set_threads",
+    "to_usd",
     "tune",
     "write_model",
 ]
