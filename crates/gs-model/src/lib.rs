@@ -98,6 +98,8 @@ pub use codec::Codec;
 pub use doubts::Doubts;
 #[cfg(feature = "files")]
 pub use error::{Error, Result};
+#[cfg(feature = "sog")]
+pub use formats::sog;
 #[cfg(feature = "files")]
 pub use formats::{Format, ply};
 #[cfg(feature = "formats")]

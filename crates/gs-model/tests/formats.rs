@@ -25,10 +25,10 @@ fn the_table_names_every_format_once() {
     assert_eq!(Format::of("a", b"hello"), None);
     says(read("a", b"hello"), "a: not a model of a known format: it starts with \"hello\"");
     says(read("a", b""), "a: is empty");
-    let sog = Format::named("sog").unwrap();
+    let ksplat = Format::named("ksplat").unwrap();
     says(
-        sog.write_to("a.sog", Vec::new(), &Scene::default()),
-        "cannot be written: sog is read only",
+        ksplat.write_to("a.ksplat", Vec::new(), &Scene::default()),
+        "cannot be written: ksplat is read only",
     );
 }
 

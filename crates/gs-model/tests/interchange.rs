@@ -44,7 +44,8 @@ fn written(tool: &Path, dir: &Path, name: &str, scene: &Scene, sh_degree: u8) ->
     // It reads no glTF, so what it writes is compared with what it was given.
     let (back, _) = model::read(&files[3], &ReadOptions::default()).unwrap();
     assert_within(&format!("{name}.glb"), &cut, &back, [1e-6, 1e-6, 2e-5, 1e-6, 0.0, 0.0]);
-    let ours = ["compressed.ply", "spz", "splat"].map(|e| dir.join(format!("{name}.ours.{e}")));
+    let ours =
+        ["compressed.ply", "spz", "splat", "sog"].map(|e| dir.join(format!("{name}.ours.{e}")));
     ours.iter().for_each(|path| Format::of_name(path).unwrap().write(path, &cut).unwrap());
     files.into_iter().take(3).chain(ours).collect()
 }

@@ -2,8 +2,8 @@
 
 mod common;
 
-use common::{fixture, read, says, zipped};
-use gs_model::{ReadOptions, model};
+use common::{assert_within, fixture, read, room, says, written, zipped};
+use gs_model::{Format, ReadOptions, Scene, model, morton_order, sog};
 
 /// A lossless WebP image of one row.
 fn webp(width: u32, rgba: &[u8]) -> Vec<u8> {
@@ -154,5 +154,70 @@ fn a_sog_is_the_same_in_a_folder_and_in_an_archive() {
     says(
         model::read(dir.path().join("meta.json"), &ReadOptions::default()),
         "quats.webp: cannot read: ",
+    );
+}
+
+/// A scene as it is written: its Gaussians in Morton order.
+fn ordered(scene: &Scene) -> Scene {
+    scene.select(&morton_order(&scene.means))
+}
+
+#[test]
+fn a_sog_comes_back_within_its_steps() {
+    for degree in 0..=3 {
+        let scene = ordered(&room(3, degree));
+        let (back, report) = read("a.sog", &written("sog", &scene)).unwrap();
+        assert_eq!((&report.form[..], report.notes), ("SOG, version 2", vec![]));
+        // Rotations are a byte for each component. The largest errors of scales and colours are those of single far
+        // ones; of SH coefficients 2048 sets stand for 3667.
+        let bounds = [2e-4, 4e-5, 0.05, 2e-3, 0.01, 0.12 * f32::from(degree)];
+        assert_within(&format!("degree {degree}"), &scene, &back, bounds);
+        let square = |(a, b): (&[f32; 3], &[f32; 3])| {
+            (0..3).map(|k| (a[k] - b[k]) * (a[k] - b[k])).sum::<f32>()
+        };
+        let error: f32 = scene.sh.iter().zip(&back.sh).map(square).sum();
+        assert!((error / (3 * scene.sh.len()) as f32).sqrt() < 0.012, "degree {degree}: {error}");
+    }
+}
+
+#[test]
+fn small_scenes_are_held_exactly_but_for_rotations_and_opacities() {
+    // A codebook has an entry for each number, a palette one for each power of two of Gaussians.
+    for n in [1, 2, 64] {
+        let scene = ordered(&common::mild(n, 3));
+        let scene = Scene { antialiased: n == 2, ..scene };
+        let (back, _) = read("a.sog", &written("sog", &scene)).unwrap();
+        assert_within(&format!("{n}"), &scene, &back, [2e-4, 4e-5, 1e-6, 2e-3, 1e-6, 2e-2]);
+        assert_eq!(back.antialiased, scene.antialiased);
+    }
+}
+
+#[test]
+fn any_number_of_threads_writes_the_same_sog() {
+    let scene = room(2, 2);
+    let write = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| written("sog", &scene))
+    };
+    let one = write(1);
+    assert!(one == write(2) && one == write(8));
+}
+
+#[test]
+fn a_scene_that_sog_cannot_hold_is_refused() {
+    let refused = |scene: &Scene, why| {
+        says(Format::named("sog").unwrap().write_to("a.sog", Vec::new(), scene), why);
+    };
+    refused(&Scene::default(), "the model is empty");
+    let mut scene = room(100, 1);
+    scene.log_scales[5][1] = f32::NEG_INFINITY;
+    refused(&scene, "SOG holds no number that is infinite or NaN");
+    // What a folder holds is several files.
+    let json = Format::of_name("folder/meta.json").unwrap();
+    says(json.write_to("b/meta.json", Vec::new(), &room(100, 1)), "name a .sog for one file");
+    let names: Vec<&str> = sog::files("a", &room(100, 0)).unwrap().iter().map(|f| f.0).collect();
+    assert_eq!(
+        names,
+        ["means_l.webp", "means_u.webp", "quats.webp", "scales.webp", "sh0.webp", "meta.json"]
     );
 }

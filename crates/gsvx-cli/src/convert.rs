@@ -2,12 +2,12 @@
 
 use crate::exit::{note, usage};
 use crate::input::{self, Axes, ReadingAny};
-use crate::output::{Output, Written, counted};
+use crate::output::{Output, OutputFolder, Written, counted, parent};
 use crate::report::Reporter;
 use crate::{content, doubts, encode, format, glb, size, views};
 use anyhow::{Context, Result, bail};
 use gs_model::spz::{self, ShBits};
-use gs_model::{Format, Scene};
+use gs_model::{Format, Scene, sog};
 use indicatif::DecimalBytes;
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -26,12 +26,16 @@ Examples:
   gsvx convert scene.gsvx scene.glb                     glTF, as three.js and others read it
   gsvx convert scene.gsvx small.glb --compress          glTF that holds the stream
   gsvx convert scene.sog scene.compressed.ply
+  gsvx convert model.ply model.sog                      SOG, as PlayCanvas and SuperSplat read it
+  gsvx convert model.ply folder/meta.json               the same as files in a folder
   gsvx convert folder/meta.json model.ply               an unbundled SOG
   gsvx convert model.ply small.ply --gaussians 500k     fewer Gaussians, merged where that shows least
   cat a.splat | gsvx convert - a.ply --from splat";
 
 /// The name of the format whose axes are not always turned.
 const SPZ: &str = "spz";
+/// The name of the format that may be several files.
+const SOG: &str = "sog";
 /// The name of the format that may hold a stream.
 const GLB: &str = "glb";
 
@@ -52,7 +56,7 @@ numbers as they are, as Niantic's tools do, read or written. A file that declare
 pub(crate) struct ConvertArgs {
     /// A model of any format, or a stream; `-` for standard input.
     input: PathBuf,
-    /// The file to write; `-` for standard output.
+    /// The file to write; `-` for standard output. With the name meta.json, a SOG of several files, all in its folder.
     output: PathBuf,
     /// Format of the output [default: by its extension].
     #[arg(long, value_name = "FORMAT", value_parser = format::written())]
@@ -93,31 +97,46 @@ fn sh_bits(text: &str) -> Result<ShBits, String> {
     }
 }
 
+/// Where a model goes.
+enum To {
+    File(Output),
+    /// A SOG of several files.
+    Folder(OutputFolder),
+}
+
 /// Converts a model.
 pub(crate) fn run(args: &ConvertArgs, report: Reporter) -> Result<()> {
-    let format = format::of_output(args.to, &args.output, None)?;
+    let is_folder = args.output.file_name().is_some_and(|name| name == sog::META);
+    let asked = args.to.or(if is_folder { Format::named(SOG) } else { None });
+    let format = format::of_output(asked, &args.output, None)?;
     if args.compress && format.name != GLB {
         let name = args.output.display();
         return Err(usage(format!("{name}: only a .glb holds a stream; leave out --compress")));
     }
-    let output = Output::open(&args.output, args.force, &[&args.input])?;
+    let to = match is_folder && format.name == SOG {
+        true => To::Folder(OutputFolder::open(parent(&args.output), args.force)?),
+        false => To::File(Output::open(&args.output, args.force, &[&args.input])?),
+    };
     let (mut notes, mut were) = (Vec::new(), None);
-    let (written, gaussians, sh_degree) = if args.compress {
-        let stream = glb::stream(&args.reading, &args.input, args.quality, &mut notes)?;
-        glb::write(output, &stream)?
-    } else {
-        let (mut scene, file) = args.reading.any(&args.input)?;
-        notes = file.sentences();
-        if let Some(most) = args.gaussians {
-            were = Some(scene.len());
-            scene = fewer(args, scene, most)?;
+    let (written, gaussians, sh_degree) = match to {
+        To::File(output) if args.compress => {
+            let stream = glb::stream(&args.reading, &args.input, args.quality, &mut notes)?;
+            glb::write(output, &stream)?
         }
-        if format.name == SPZ && args.reading.model.axes == Axes::Keep {
-            // Writing SPZ turns the scene again, back to the axes that it had.
-            spz::turn(&mut scene);
+        to => {
+            let (mut scene, file) = args.reading.any(&args.input)?;
+            notes = file.sentences();
+            if let Some(most) = args.gaussians {
+                were = Some(scene.len());
+                scene = fewer(args, scene, most)?;
+            }
+            if format.name == SPZ && args.reading.model.axes == Axes::Keep {
+                // Writing SPZ turns the scene again, back to the axes that it had.
+                spz::turn(&mut scene);
+            }
+            let sh_degree = scene.sh_degree.min(format.max_sh_degree);
+            (write(args, format, to, &scene)?, scene.len(), sh_degree)
         }
-        let sh_degree = scene.sh_degree.min(format.max_sh_degree);
-        (write(args, format, output, &scene)?, scene.len(), sh_degree)
     };
     let of = were.filter(|&n| n > gaussians).map_or(String::new(), |n| format!(" of {n}"));
     let human = format!("{}{of}, {}", counted(gaussians, "Gaussian"), DecimalBytes(written.bytes));
@@ -160,14 +179,33 @@ fn fewer(args: &ConvertArgs, scene: Scene, most: u64) -> Result<Scene> {
 }
 
 /// Writes a model.
-fn write(args: &ConvertArgs, format: &Format, output: Output, scene: &Scene) -> Result<Written> {
-    if format.name != SPZ {
-        return format::write(format, output, scene);
-    }
+fn write(args: &ConvertArgs, format: &Format, to: To, scene: &Scene) -> Result<Written> {
+    let output = match to {
+        To::Folder(folder) => return write_files(args, format, folder, scene),
+        To::File(output) if format.name != SPZ => return format::write(format, output, scene),
+        To::File(output) => output,
+    };
     let name = output.name();
     let written =
         output.write(|out| Ok(out.write_all(&spz::pack(&name, scene, args.spz_sh_bits)?)?))?;
     format::say_lost_origin(&name, format, scene.origin);
     format::say_coarse_steps(&name, format, scene);
     Ok(written)
+}
+
+/// Writes a SOG of several files.
+fn write_files(
+    args: &ConvertArgs,
+    format: &Format,
+    mut folder: OutputFolder,
+    scene: &Scene,
+) -> Result<Written> {
+    let name = args.output.display().to_string();
+    let mut bytes = 0;
+    for (file, content) in sog::files(&name, scene)? {
+        bytes += folder.write(file, &[&args.input], |out| Ok(out.write_all(&content)?))?;
+    }
+    folder.put_in_place()?;
+    format::say_lost_origin(&name, format, scene.origin);
+    Ok(Written { name, bytes, stdout: false })
 }

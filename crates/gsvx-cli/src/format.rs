@@ -4,7 +4,7 @@ use crate::exit::{note, usage};
 use crate::output::{Output, Written, is_stdio};
 use anyhow::Result;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
-use gs_model::{Format, Scene};
+use gs_model::{Format, Scene, sog};
 use std::path::Path;
 
 /// What streams are called, and the extension of their files.
@@ -65,6 +65,9 @@ pub(crate) fn of_output(
     let lower = name.to_string().to_ascii_lowercase();
     match named.filter(|f| f.is_written() && lower.ends_with(f.extensions[0])) {
         Some(format) => Ok(format),
+        None if path.file_name().is_some_and(|name| name == sog::META) => Err(usage(format!(
+            "{name}: gsvx convert writes a SOG of several files; name a .sog for one file"
+        ))),
         None if named.is_some() => Err(usage(format!(
             "{name}: this format is not written; write one of {}",
             all_written(|f| format!(".{}", f.extensions[0]))

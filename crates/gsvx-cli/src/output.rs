@@ -414,7 +414,8 @@ pub(crate) fn make_folder(path: &Path) -> Result<()> {
         .with_context(|| format!("{}: the folder cannot be made", path.display()))
 }
 
-fn parent(path: &Path) -> &Path {
+/// The folder of a path.
+pub(crate) fn parent(path: &Path) -> &Path {
     match path.parent() {
         Some(p) if !p.as_os_str().is_empty() => p,
         _ => Path::new("."),

@@ -257,6 +257,16 @@ fn convert_and_compare() {
     ok("convert @ @", &[&stream, &back]);
     let said = ok("compare @ @ --orbit 1", &[&stream, &back]);
     assert!(said.contains("row by row") && said.contains("PSNR"), "{said}");
+    // SOG in one file, and in the files of a folder.
+    let (sog, files) = (dir.join("a.sog"), dir.join("files/meta.json"));
+    ok("convert @ @", &[&stream, &sog]);
+    ok("decode @ -o @ --force", &[&stream, &sog]);
+    ok("convert @ @", &[&stream, &files]);
+    assert_eq!(common::names(&dir.join("files")).len(), 8);
+    one_line(&run("convert @ @", &[&stream, &files]), "is not empty; pass --force");
+    let said = ok("compare @ @ --orbit 1", &[&sog, &files]);
+    assert!(said.contains("both models look the same") || said.contains("PSNR"), "{said}");
+    wrong_usage(&run("decode @ -o @", &[&stream, &files]), "gsvx convert writes a SOG of several");
     // PLY to PLY keeps every bit.
     ok("convert @ @", &[&model, &dir.join("copy.ply")]);
     assert_eq!(read(&model), read(&dir.join("copy.ply")));

@@ -387,7 +387,7 @@ fn files_of_other_tools_are_read_as_they_are() {
     let short = std::fs::read(&glb).unwrap();
     std::fs::write(&glb, &short[..9000]).unwrap();
     one_line(&run("info @", &[&glb]), "a.glb: glTF, the file: it promises more");
-    wrong_usage(&run("convert @ @", &[&dir.join("a.ply"), &dir.join("a.sog")]), "not written");
+    wrong_usage(&run("convert @ @", &[&dir.join("a.ply"), &dir.join("a.ksplat")]), "not written");
 }
 
 #[test]

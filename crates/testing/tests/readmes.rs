@@ -43,7 +43,7 @@ fn the_dependency_lines_of_the_readmes_build() {
         }
     }
     let keys: Vec<&str> = lines.keys().map(String::as_str).collect();
-    for library in ["finetune", "gpcc-lite", "gs-model", "gsvx", "paper", "voxel", "vq"] {
+    for library in ["finetune", "gpcc-lite", "gs-model", "gsvx", "kmeans", "paper", "voxel", "vq"] {
         assert!(keys.contains(&library), "no README says how to depend on {library}");
     }
     let scratch = Path::new(env!("CARGO_TARGET_TMPDIR")).join("readmes");

@@ -86,7 +86,7 @@ impl Codebook {
     /// (of equally near ones the lowest index).
     pub fn assign(&self, covariances: &[Covariance]) -> Vec<u32> {
         let tree = Nearest::new(&features(&self.codewords));
-        let nearest = |c: &Covariance| tree.find(&c.feature(), None).id;
+        let nearest = |c: &Covariance| tree.find(&c.feature()).id;
         covariances.par_iter().with_min_len(CHUNK).map(nearest).collect()
     }
 }

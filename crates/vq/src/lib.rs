@@ -44,11 +44,8 @@ mod codebook;
 mod codeword;
 mod covariance;
 mod error;
-mod kmeans;
 mod nearest;
 mod order;
-mod rng;
-mod seeding;
 mod sensitivity;
 mod training;
 

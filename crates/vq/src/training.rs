@@ -1,20 +1,16 @@
 //! From covariances and sensitivities to the centres of clusters.
 
+use kmeans::SplitMix64;
 use rayon::prelude::*;
 
 use crate::covariance::{Covariance, Feature};
 use crate::error::{Error, Result};
-use crate::kmeans;
 use crate::nearest::CHUNK;
-use crate::rng::SplitMix64;
-use crate::seeding::kmeans_plus_plus;
 
 /// Seed of all random choices.
 const SEED: u64 = 0;
 /// Covariances drawn for the clustering; at least 16 a centre are taken if there are as many.
 const SAMPLE: usize = 1 << 18;
-/// Of these, covariances drawn for the start; at least 4 a centre are taken if there are as many.
-const SEEDING_SAMPLE: usize = 1 << 17;
 
 pub(crate) fn check(covariances: &[Covariance], sensitivities: &[f32]) -> Result<()> {
     let (covariances, others) = (covariances.len(), sensitivities.len());
@@ -32,7 +28,7 @@ pub(crate) fn check(covariances: &[Covariance], sensitivities: &[f32]) -> Result
     Ok(())
 }
 
-/// At most `count` centres: k-means++ and k-means on a sample.
+/// At most `count` centres, of clusters of a sample.
 pub(crate) fn centres(
     covariances: &[Covariance],
     sensitivities: &[f32],
@@ -43,9 +39,7 @@ pub(crate) fn centres(
     let feature = |&i: &u32| covariances[i as usize].feature();
     let points: Vec<Feature> = drawn.par_iter().with_min_len(CHUNK).map(feature).collect();
     let weights = weights(drawn.iter().map(|&i| sensitivities[i as usize]).collect());
-    let mut centres = seed(&points, &weights, count, &mut rng);
-    kmeans::train(&points, &weights, &mut centres);
-    centres
+    kmeans::cluster(&points, &weights, count).centres
 }
 
 /// Sensitivities over their maximum. Where all are zero, every point counts the
@@ -57,15 +51,6 @@ fn weights(mut sensitivities: Vec<f32>) -> Vec<f32> {
     let weight = |s: f32| if largest > 0.0 { (s / largest).max(LEAST) } else { 1.0 };
     sensitivities.iter_mut().for_each(|s| *s = weight(*s));
     sensitivities
-}
-
-/// k-means++ centres from all points or a sample of them.
-fn seed(points: &[Feature], weights: &[f32], count: usize, rng: &mut SplitMix64) -> Vec<Feature> {
-    let drawn = sample(points.len(), SEEDING_SAMPLE.max(4 * count), rng);
-    let from: Vec<Feature> = drawn.iter().map(|&i| points[i as usize]).collect();
-    let weights: Vec<f32> = drawn.iter().map(|&i| weights[i as usize]).collect();
-    let chosen = kmeans_plus_plus(&from, &weights, count, rng);
-    chosen.into_iter().map(|i| from[i as usize]).collect()
 }
 
 /// `wanted` of the numbers below `len` in order, every subset equally likely (Knuth's algorithm S),

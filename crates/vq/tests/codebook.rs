@@ -106,7 +106,7 @@ fn training_has_one_result() {
         .chain(indices.iter().map(|&i| i as i32))
         .flat_map(i32::to_le_bytes)
         .fold(0xcbf2_9ce4_8422_2325u64, |h, b| (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3));
-    assert_eq!(hash, 9_814_680_768_106_480_168);
+    assert_eq!(hash, 11_594_004_756_417_774_917);
 }
 
 #[test]

@@ -7,7 +7,7 @@ pub mod gltf;
 mod ksplat;
 pub mod ply;
 #[cfg(feature = "sog")]
-mod sog;
+pub mod sog;
 #[cfg(feature = "formats")]
 mod splat;
 #[cfg(feature = "formats")]

@@ -114,8 +114,8 @@ def read_model(path: PathLike, *, drop_invalid: bool = False, axes: str = "turn"
 
 
 def write_model(path: PathLike, splats: SplatsLike) -> None:
-    """Writes a model as .ply (every float as it is), .spz (version 4) or .splat (no view dependence): the
-    extension says which. Gaussians keep their order. The file appears whole or not at all; an existing one
+    """Writes a model as .ply (every float as it is), .spz (version 4), .sog or .splat (no view dependence): the
+    extension says which. Gaussians keep their order, but in .sog. The file appears whole or not at all; an existing one
     is replaced. For streams there is :func:`gsvx.compress`.
 
     ``splats``: as for :func:`gsvx.compress`.

@@ -11,9 +11,9 @@ use crate::rows::{self, SH};
 use crate::scene::{Scene, sh_len};
 
 /// Entries of the palette in a row of its image.
-const PALETTE_ROW: usize = 64;
+pub(super) const PALETTE_ROW: usize = 64;
 /// The alpha of a rotation is this plus the index, in w, x, y, z, of the component left out.
-const LARGEST: u8 = 252;
+pub(super) const LARGEST: u8 = 252;
 
 /// The scene of these images, which are those of [`Meta::files`]. A number is NaN where an index points at
 /// nothing.

@@ -13,8 +13,8 @@ use crate::fs;
 /// Largest ratio of a member's length to the archive's. WebP images hardly compress.
 const MAX_RATIO: u64 = 64;
 
-/// The name of the file that names the others.
-const META: &str = "meta.json";
+/// The name of the file of a SOG that names the others.
+pub const META: &str = "meta.json";
 
 pub(super) enum Members<'a> {
     /// With the folder that holds the files, and the most bytes of a member.

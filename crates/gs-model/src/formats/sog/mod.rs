@@ -1,4 +1,4 @@
-//! SOG (PlayCanvas), versions 1 and 2: read only.
+//! SOG (PlayCanvas): versions 1 and 2 are read, 2 is written.
 //!
 //! A `meta.json` and up to seven lossless WebP images, in which pixel `i` belongs to Gaussian `i`: in one
 //! zip archive (`.sog`), or as files in one folder. Means are 16-bit steps between bounds, of
@@ -13,7 +13,11 @@
 mod decoder;
 mod members;
 mod meta;
+mod palette;
+mod prefix;
 mod texture;
+mod webp;
+mod write;
 
 use std::path::Path;
 
@@ -23,21 +27,23 @@ use crate::error::{Error, Result};
 use crate::formats::Format;
 use crate::report::Report;
 use crate::scene::Scene;
+pub use members::META;
 use members::Members;
 use meta::Meta;
 use texture::Texture;
+pub use write::files;
 
 pub(crate) static FORMAT: Format = Format {
     name: "sog",
-    about: "SOG of PlayCanvas, versions 1 and 2: an archive, or its meta.json with the images beside it",
+    about: "SOG of PlayCanvas: an archive, or meta.json with images beside it; reads versions 1 and 2, writes 2",
     extensions: &["sog", "json"],
     magic: &[b"PK\x03\x04"],
     max_sh_degree: 3,
     says_antialiased: true,
     says_origin: false,
-    steps: None,
+    steps: Some(write::steps),
     read: |file, bytes, _| read(file, bytes),
-    write: None,
+    write: Some(write::write),
 };
 
 /// Reads a bundled `.sog`, or the `meta.json` of an unbundled one, with the images beside it.

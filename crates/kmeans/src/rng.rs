@@ -2,16 +2,17 @@
 
 /// Seeded generator of 64-bit words.
 #[derive(Debug, Clone)]
-pub(crate) struct SplitMix64 {
+pub struct SplitMix64 {
     state: u64,
 }
 
 impl SplitMix64 {
-    pub(crate) fn new(seed: u64) -> Self {
+    /// The sequence of this seed.
+    pub fn new(seed: u64) -> Self {
         Self { state: seed }
     }
 
-    pub(crate) fn next_u64(&mut self) -> u64 {
+    fn next_u64(&mut self) -> u64 {
         self.state = self.state.wrapping_add(0x9E37_79B9_7F4A_7C15);
         let mut z = self.state;
         z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
@@ -20,24 +21,15 @@ impl SplitMix64 {
     }
 
     /// Uniform in [0, 1), on a grid of 2^-53.
-    pub(crate) fn unit(&mut self) -> f64 {
+    pub fn unit(&mut self) -> f64 {
         (self.next_u64() >> 11) as f64 * (1.0 / (1u64 << 53) as f64)
     }
 
     /// Uniform in 0..bound (bound > 0), by the high half of the product; the bias is below
     /// bound / 2^64.
-    pub(crate) fn below(&mut self, bound: usize) -> usize {
+    pub fn below(&mut self, bound: usize) -> usize {
         ((self.next_u64() as u128 * bound as u128) >> 64) as usize
     }
-}
-
-/// Random features and their weights.
-#[cfg(test)]
-pub(crate) fn random_points(n: usize, seed: u64) -> (Vec<crate::covariance::Feature>, Vec<f32>) {
-    let mut rng = SplitMix64::new(seed);
-    let points = (0..n).map(|_| [0; 6].map(|_: i32| rng.unit() as f32)).collect();
-    let weights = (0..n).map(|_| rng.unit() as f32).collect();
-    (points, weights)
 }
 
 #[cfg(test)]

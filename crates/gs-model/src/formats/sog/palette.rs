@@ -1,0 +1,106 @@
+//! What the bytes of a SOG stand for: codebooks of numbers, and the palette of higher SH coefficients.
+
+use rayon::prelude::*;
+
+use super::decoder::PALETTE_ROW;
+use super::webp::Pixel;
+use crate::scene::Scene;
+
+/// Entries of a codebook.
+const ENTRIES: usize = 256;
+/// Numbers that a codebook is made from, about; all of them if there are no more.
+const SAMPLE: usize = 1 << 18;
+/// Most entries of a palette: places in it have 16 bits.
+const MOST: usize = 1 << 16;
+
+/// At most 256 numbers, ascending.
+pub(super) struct Codebook(Vec<f32>);
+
+impl Codebook {
+    /// The codebook of finite numbers.
+    pub(super) fn of_each<const N: usize>(rows: &[[f32; N]]) -> Self {
+        let step = (N * rows.len()).div_ceil(SAMPLE).max(1);
+        let numbers: Vec<[f32; 1]> = rows.iter().step_by(step).flatten().map(|&v| [v]).collect();
+        let mut entries = kmeans::cluster(&numbers, &vec![1.0; numbers.len()], ENTRIES).centres;
+        entries.sort_by(|a, b| a[0].total_cmp(&b[0]));
+        Self(entries.into_iter().flatten().collect())
+    }
+
+    /// The index of the nearest number.
+    pub(super) fn index(&self, v: f32) -> u8 {
+        let Self(entries) = self;
+        let after = entries.partition_point(|&entry| entry < v);
+        let before = after.saturating_sub(1);
+        let is_nearer = entries.get(after).is_some_and(|&entry| entry - v < v - entries[before]);
+        if is_nearer { after as u8 } else { before as u8 }
+    }
+
+    /// All 256 numbers; the last one is repeated.
+    pub(super) fn padded(&self) -> Vec<f32> {
+        let mut entries = self.0.clone();
+        entries.resize(ENTRIES, entries.last().copied().unwrap_or_default());
+        entries
+    }
+}
+
+/// The palette of a scene's higher SH coefficients.
+pub(super) struct Palette {
+    /// The coefficients of each entry, red, green and blue of one after the other.
+    entries: Vec<Vec<f32>>,
+    pub(super) codebook: Codebook,
+    /// The entry of each Gaussian.
+    pub(super) of_gaussian: Vec<u16>,
+}
+
+impl Palette {
+    /// None for a scene without such coefficients. The scene has Gaussians.
+    pub(super) fn of(scene: &Scene) -> Option<Self> {
+        match scene.sh_degree {
+            1 => Some(Self::trained::<9>(scene)),
+            2 => Some(Self::trained::<24>(scene)),
+            3 => Some(Self::trained::<45>(scene)),
+            _ => None,
+        }
+    }
+
+    fn trained<const D: usize>(scene: &Scene) -> Self {
+        let higher = |i: usize| scene.sh_of(i)[1..].as_flattened();
+        let point = |i: usize| std::array::from_fn(|k| higher(i)[k]);
+        let points: Vec<[f32; D]> = (0..scene.len()).into_par_iter().map(point).collect();
+        // As many as splat-transform takes.
+        let count = (1usize << scene.len().ilog2()).min(MOST);
+        let kmeans::Clusters { centres, of_point } =
+            kmeans::cluster(&points, &vec![1.0; points.len()], count);
+        // From weak to strong: rows of the image then have entries of one kind, and so few bits.
+        let energy = |entry: &[f32; D]| entry.iter().map(|v| v * v).sum::<f32>();
+        let mut order: Vec<usize> = (0..centres.len()).collect();
+        order.sort_by(|&a, &b| energy(&centres[a]).total_cmp(&energy(&centres[b])));
+        let mut places = vec![0; centres.len()];
+        order.iter().enumerate().for_each(|(place, &entry)| places[entry] = place as u16);
+        Self {
+            codebook: Codebook::of_each(&centres),
+            entries: order.iter().map(|&entry| centres[entry].to_vec()).collect(),
+            of_gaussian: of_point.into_iter().map(|entry| places[entry as usize]).collect(),
+        }
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.entries.len()
+    }
+
+    /// Coefficients of an entry.
+    pub(super) fn coefficients(&self) -> usize {
+        self.entries[0].len() / 3
+    }
+
+    /// The image: 64 entries in a row, a pixel for each coefficient.
+    pub(super) fn pixels(&self) -> Vec<Pixel> {
+        let index = |v: f32| self.codebook.index(v);
+        let pixel = |rgb: &[f32]| [index(rgb[0]), index(rgb[1]), index(rgb[2]), 255];
+        let mut pixels: Vec<Pixel> =
+            self.entries.iter().flat_map(|entry| entry.chunks(3)).map(pixel).collect();
+        let row = PALETTE_ROW * self.coefficients();
+        pixels.resize(pixels.len().next_multiple_of(row), [0, 0, 0, 255]);
+        pixels
+    }
+}
