@@ -10,11 +10,6 @@ const root = process.env.GSVX_ROOT;
 
 /** What each example has in common with its page: what it finds there, and what is looked at afterwards. */
 const draws = 'renderer.setSize(480, 320); document.body.append(renderer.domElement);';
-const threeScene = `import * as THREE from 'three';
-const renderer = new THREE.WebGLRenderer({ antialias: false });
-const [scene, camera] = [new THREE.Scene(), new THREE.PerspectiveCamera(50, 1.5, 0.01, 100)];
-camera.rotation.x = Math.PI; // the room is above
-renderer.setAnimationLoop(() => renderer.render(scene, camera));`;
 const playcanvas = `import { started } from '/pages/app.js';
 const canvas = document.createElement('canvas');
 document.body.append(canvas);
@@ -52,7 +47,6 @@ const entity = new pc.Entity();
 app.root.addChild(entity);`,
     after: 'await new Promise((resolve) => city.ready(resolve));', draws: true,
   },
-  { of: '../../../README.md', with: "from 'gsvx/spark'", before: threeScene, after: draws, draws: true },
 ];
 
 setUp(skip, async () => {
@@ -95,6 +89,7 @@ const lit = (page, png) => page.evaluate(async (base64) => {
 EXAMPLES.forEach((example, i) => {
   test(`the example of ${example.of} with ${example.with}`, { skip, timeout: 400000 }, async () => {
     const code = blocks(example.of).find((block) => block.includes(example.with));
+    assert.ok(code, 'the page has no such example');
     writeFileSync(join(folder, `example${i}.html`), html(example, code));
     const page = await browser.newPage({ viewport: { width: 480, height: 320 }, deviceScaleFactor: 1 });
     const problems = [];
