@@ -188,8 +188,7 @@ fn write(args: &ConvertArgs, format: &Format, to: To, scene: &Scene) -> Result<W
     let name = output.name();
     let written =
         output.write(|out| Ok(out.write_all(&spz::pack(&name, scene, args.spz_sh_bits)?)?))?;
-    format::say_lost_origin(&name, format, scene.origin);
-    format::say_coarse_steps(&name, format, scene);
+    format::say_losses(&name, format, scene);
     Ok(written)
 }
 
@@ -206,6 +205,6 @@ fn write_files(
         bytes += folder.write(file, &[&args.input], |out| Ok(out.write_all(&content)?))?;
     }
     folder.put_in_place()?;
-    format::say_lost_origin(&name, format, scene.origin);
+    format::say_losses(&name, format, scene);
     Ok(Written { name, bytes, stdout: false })
 }

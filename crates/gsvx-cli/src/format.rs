@@ -106,8 +106,14 @@ pub(crate) fn say_coarse_steps(name: &str, format: &Format, scene: &Scene) {
 pub(crate) fn write(format: &Format, output: Output, scene: &Scene) -> Result<Written> {
     let name = output.name();
     let written = output.write(|out| Ok(format.write_to(&name, out, scene)?))?;
-    say_lost_origin(&name, format, scene.origin);
-    say_coarse_steps(&name, format, scene);
+    say_losses(&name, format, scene);
+    Ok(written)
+}
+
+/// Says what of a scene a format does not hold.
+pub(crate) fn say_losses(name: &str, format: &Format, scene: &Scene) {
+    say_lost_origin(name, format, scene.origin);
+    say_coarse_steps(name, format, scene);
     let (kept, all) = (format.max_sh_degree, scene.sh_degree);
     if kept < all {
         let (first, format) = (kept + 1, format.extensions[0]);
@@ -119,5 +125,4 @@ pub(crate) fn write(format: &Format, output: Output, scene: &Scene) -> Result<Wr
             format.extensions[0]
         ));
     }
-    Ok(written)
 }

@@ -1,6 +1,6 @@
 //! [`decimate`]: fewer Gaussians by what cameras see.
 
-use crate::encode::{CameraDoubt, EncodeEvent, Seen};
+use crate::encode::{CameraDoubt, CameraEvidence, EncodeEvent};
 use crate::error::{Error, Result};
 use finetune::doubted_loss;
 use gs_model::{Camera, Scene, View};
@@ -8,7 +8,7 @@ use std::ops::ControlFlow;
 
 /// A scene of fewer Gaussians.
 #[derive(Debug)]
-pub struct Decimated {
+pub struct DecimateOutcome {
     /// The Gaussians.
     pub scene: Scene,
     /// Why the cameras may not be the model's own.
@@ -27,13 +27,13 @@ pub fn decimate(
     cameras: Option<&[Camera]>,
     photos: &[View],
     mut progress: impl FnMut(EncodeEvent<'_>) -> ControlFlow<()>,
-) -> Result<Decimated> {
+) -> Result<DecimateOutcome> {
     let mut tell = |event: EncodeEvent<'_>| match progress(event) {
         ControlFlow::Continue(()) => Ok(()),
         ControlFlow::Break(()) => Err(Error::from(gsvx::Error::Cancelled)),
     };
-    let Seen { importance, mut doubts, proven, .. } =
-        Seen::by(scene, (cameras, photos), false, &mut tell)?;
+    let CameraEvidence { importance, mut doubts, proven, .. } =
+        CameraEvidence::of(scene, cameras, photos, false, &mut tell)?;
     let mut made = gsvx::decimate(scene, importance.as_deref(), most)?;
     if let Some(cameras) = cameras.filter(|_| importance.is_some() && !proven)
         && let Some(loss) = doubted_loss(scene, &made, cameras)
@@ -41,5 +41,5 @@ pub fn decimate(
         doubts.push(CameraDoubt::Misfit(loss));
         made = gsvx::decimate(scene, None, most)?;
     }
-    Ok(Decimated { scene: made, doubts })
+    Ok(DecimateOutcome { scene: made, doubts })
 }

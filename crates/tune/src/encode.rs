@@ -155,8 +155,8 @@ pub fn encode(
         ControlFlow::Continue(()) => Ok(()),
         ControlFlow::Break(()) => Err(Error::from(gsvx::Error::Cancelled)),
     };
-    let Seen { importance, count: mut seen, mut doubts, proven } =
-        Seen::by(&scene, (cameras, photos), drop_unseen, &mut tell)?;
+    let CameraEvidence { importance, count: mut seen, mut doubts, proven } =
+        CameraEvidence::of(&scene, cameras, photos, drop_unseen, &mut tell)?;
     // The likeness is to the model before pruning.
     let likeness = cameras.filter(|_| matches!(aim, Aim::Alike { .. }));
     let step = |done, all| tell(EncodeEvent::References(done, all));
@@ -186,8 +186,8 @@ pub fn encode(
     Ok(EncodeOutcome { output, seen, doubts, loss, estimate_seconds })
 }
 
-/// What cameras see of a model.
-pub(crate) struct Seen {
+/// What cameras see of a model, and whether they are its own.
+pub(crate) struct CameraEvidence {
     /// Of each Gaussian; `None` without cameras, or if photos kept them out.
     pub(crate) importance: Option<Vec<f32>>,
     count: Option<VisibilityCount>,
@@ -196,11 +196,12 @@ pub(crate) struct Seen {
     pub(crate) proven: bool,
 }
 
-impl Seen {
+impl CameraEvidence {
     /// By cameras, if there are any, which photos may prove.
-    pub(crate) fn by(
+    pub(crate) fn of(
         scene: &Scene,
-        (cameras, photos): (Option<&[Camera]>, &[View]),
+        cameras: Option<&[Camera]>,
+        photos: &[View],
         drop_unseen: bool,
         tell: &mut dyn FnMut(EncodeEvent<'_>) -> Result<()>,
     ) -> Result<Self> {

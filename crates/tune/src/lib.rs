@@ -28,7 +28,7 @@ mod trainer;
 mod undistort;
 mod views;
 
-pub use decimate::{Decimated, decimate};
+pub use decimate::{DecimateOutcome, decimate};
 pub use encode::{
     CameraDoubt, EncodeEvent, EncodeOutcome, EncodeRecipe, VisibilityCount, encode, misfit,
 };

@@ -35,7 +35,7 @@ struct Meta {
     quats: Files,
     sh0: Indexed,
     #[serde(rename = "shN", skip_serializing_if = "Option::is_none")]
-    sh_n: Option<Palette2>,
+    sh_n: Option<HigherSh>,
 }
 
 #[derive(Serialize)]
@@ -62,7 +62,7 @@ struct Files {
 }
 
 #[derive(Serialize)]
-struct Palette2 {
+struct HigherSh {
     count: usize,
     bands: u8,
     codebook: Vec<f32>,
@@ -126,7 +126,7 @@ pub fn files(file: impl AsRef<Path>, scene: &Scene) -> Result<Vec<(&'static str,
         images.push(("shN_labels.webp", image(&label)));
         let files = ["shN_centroids.webp", "shN_labels.webp"];
         let (count, bands) = (palette.len(), scene.sh_degree);
-        Palette2 { count, bands, codebook: palette.codebook.padded(), files }
+        HigherSh { count, bands, codebook: palette.codebook.padded(), files }
     });
     let mut files: Vec<(&str, Vec<u8>)> = images
         .into_par_iter()
