@@ -7,6 +7,9 @@ use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use gs_model::{Format, Scene, sog};
 use std::path::Path;
 
+/// Extensions of OpenUSD.
+const USD: [&str; 4] = [".usd", ".usda", ".usdc", ".usdz"];
+
 /// What streams are called, and the extension of their files.
 pub(crate) const STREAM: &str = "gsvx";
 
@@ -68,6 +71,9 @@ pub(crate) fn of_output(
         None if path.file_name().is_some_and(|name| name == sog::META) => Err(usage(format!(
             "{name}: gsvx convert writes a SOG of several files; name a .sog for one file"
         ))),
+        None if USD.iter().any(|extension| lower.ends_with(extension)) => {
+            Err(usage(format!("{name}: OpenUSD is written by gsvx.to_usd of the Python package")))
+        }
         None if named.is_some() => Err(usage(format!(
             "{name}: this format is not written; write one of {}",
             all_written(|f| format!(".{}", f.extensions[0]))

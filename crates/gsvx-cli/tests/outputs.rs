@@ -64,9 +64,24 @@ fn the_extension_decides_the_format() {
     ok("decode @ -o @ --to spz", &[&stream, &dir.join("b")]);
     assert!(std::fs::read(dir.join("b")).unwrap().starts_with(b"NGSP"));
     wrong_usage(&run("decode @ -o @", &[&stream, &dir.join("b.gsvx")]), "gsvx encode");
+    wrong_usage(&run("decode @ -o @", &[&stream, &dir.join("c.usdc")]), "gsvx.to_usd");
     wrong_usage(&run("encode @ -o @", &[&input, &dir.join("c.ply")]), "gsvx convert");
     wrong_usage(&run("render @ --orbit 1 -o @", &[&input, &dir.join("c.jpg")]), ".png");
     assert!(!dir.join("c.ply").exists() && !dir.join("b.gsvx").exists());
+}
+
+#[test]
+fn coarse_positions_are_warned_of_for_every_form_of_an_output() {
+    let dir = Folder::new();
+    let input = dir.join("coarse.ply");
+    let mut scene = testing::trained_like(400, 0, &mut testing::Rng::seeded(5));
+    scene.means[0] = [5000.0, 0.0, 0.0];
+    scene.log_scales.as_flattened_mut().iter_mut().for_each(|s| *s -= 9.0);
+    gs_model::ply::write(&input, &scene).unwrap();
+    for name in ["a.sog", "files/meta.json", "a.spz", "a.compressed.ply"] {
+        let done = run("convert @ @", &[&input, &dir.join(name)]);
+        assert!(done.status.success() && heard(&done).contains("positions in steps"), "{name}");
+    }
 }
 
 #[cfg(unix)]
