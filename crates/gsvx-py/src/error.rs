@@ -21,6 +21,8 @@ pub(crate) enum Fault {
     /// A model, a stream, cameras or photos that cannot be used.
     Failed(String),
     Io(io::Error),
+    /// What a function of Python raised.
+    Raised(PyErr),
     /// A mistake in the program.
     Internal(String),
     /// The caller has stopped waiting: nobody hears of this.
@@ -45,6 +47,7 @@ impl From<Fault> for PyErr {
             Fault::Usage(text) => PyValueError::new_err(text),
             Fault::Failed(text) => Error::new_err(text),
             Fault::Io(error) => error.into(),
+            Fault::Raised(error) => error,
             Fault::Internal(text) => PyRuntimeError::new_err(text),
             Fault::Stopped => PyRuntimeError::new_err("stopped"),
         }

@@ -11,22 +11,17 @@ use gs_model::{Camera, Scene, chain};
 use numpy::PyReadonlyArray3;
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyBytes, PyDict};
+use std::cell::RefCell;
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-
-/// What a run returns.
-struct TuneReport {
-    outcome: TuneOutcome,
-    /// Whether the targets were renders of the model.
-    distilled: bool,
-    warnings: Vec<String>,
-}
 
 /// Options as Python has them.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct TuneDict {
-    quality: Option<f32>,
+    /// Those of all streams, the highest first; none for the default.
+    qualities: Vec<f32>,
     target_bytes: Option<u64>,
     target_psnr: Option<f64>,
     effort: String,
@@ -46,7 +41,7 @@ impl TuneDict {
         match (self.target_bytes, self.target_psnr) {
             (Some(bytes), _) => Target::Bytes(bytes),
             (_, Some(db)) => Target::Psnr(db),
-            _ => Target::Quality(self.quality.unwrap_or(::tune::DEFAULT_QUALITY)),
+            _ => Target::Quality(*self.qualities.first().unwrap_or(&::tune::DEFAULT_QUALITY)),
         }
     }
 
@@ -69,8 +64,8 @@ enum PhotoSource {
     File(PathBuf),
 }
 
-/// Tunes splats to photos, or to renders of themselves if there are none. Returns the stream and the fields of
-/// a report.
+/// Tunes splats to photos, or to renders of themselves if there are none. `made` gets each stream, and the fields of
+/// a report, on the thread that works.
 #[pyfunction]
 pub(crate) fn tune<'py>(
     py: Python<'py>,
@@ -78,20 +73,29 @@ pub(crate) fn tune<'py>(
     cameras: CameraArrays<'py>,
     photos: Option<Vec<PhotoArg<'py>>>,
     options: TuneDict,
+    made: Py<PyAny>,
     progress: Option<Bound<'py, PyAny>>,
-) -> PyResult<(Bound<'py, PyBytes>, Bound<'py, PyDict>)> {
+) -> PyResult<()> {
     let (pool, scene) = splats.take()?;
     let cameras = cameras.cameras()?;
     let photo =
         |photos: Vec<_>| photos.into_iter().map(PhotoSource::of).collect::<Result<Vec<_>>>();
     let photos = photos.map(photo).transpose()?;
-    let target = options.target();
-    let TuneReport { outcome, distilled, warnings } =
-        run(py, pool, progress.as_ref(), move |line| {
-            tune_scene(scene, cameras, photos, &options, line)
-        })?;
+    run(py, pool, progress.as_ref(), move |line| {
+        tune_scene(scene, cameras, photos, &options, &made, line)
+    })
+}
+
+/// The fields of a report.
+fn report<'py>(
+    py: Python<'py>,
+    outcome: &TuneOutcome,
+    target: Target,
+    distilled: bool,
+    warnings: Vec<String>,
+) -> PyResult<Bound<'py, PyDict>> {
     let TuneOutcome { encoded, outliers, scores, input_scores, quality, steps, seconds, .. } =
-        &outcome;
+        outcome;
     let bytes = encoded.bytes.len();
     let missed = match target {
         _ if outcome.reached => None,
@@ -117,7 +121,7 @@ pub(crate) fn tune<'py>(
     out.set_item("missed", missed)?;
     out.set_item("warnings", warnings)?;
     out.set_item("parts", encoded.parts().into_py_dict(py)?)?;
-    Ok((PyBytes::new(py, &encoded.bytes), out))
+    Ok(out)
 }
 
 impl PhotoSource {
@@ -163,8 +167,9 @@ fn tune_scene(
     cameras: Cameras,
     photos: Option<Vec<PhotoSource>>,
     options: &TuneDict,
+    made: &Py<PyAny>,
     line: &Line,
-) -> Result<TuneReport> {
+) -> Result<()> {
     let limits = scene.clamp_limits();
     if options.drop_invalid {
         scene.drop_invalid();
@@ -180,7 +185,9 @@ fn tune_scene(
     let distilled = training.is_empty();
     let targets =
         if distilled { Targets::Renders(cameras.pinholes()?) } else { Targets::Photos(training) };
-    let mut choices = ::tune::TuneOptions::new(options.target());
+    let target = options.target();
+    let mut choices = ::tune::TuneOptions::new(target);
+    choices.further = options.qualities.iter().skip(1).copied().collect();
     choices.layout = options.layout();
     choices.effort = TuneEffort::named(&options.effort).unwrap_or_default();
     choices.seed = options.seed;
@@ -190,14 +197,28 @@ fn tune_scene(
     let run = Tune::with_progress(scene, targets, choices, |done, all| {
         let _ = line.step("input model", done, all);
     })?;
-    let outcome = run.run(|p| {
+    let warnings = RefCell::new(warnings);
+    let follow = |p: &Progress<'_>| {
         if let Some(error) = p.checkpoint_failed {
-            warnings.push(format!("{}; the run goes on without checkpoints", chain(error)));
+            let text = format!("{}; the run goes on without checkpoints", chain(error));
+            warnings.borrow_mut().push(text);
         }
         line.tell(event(p));
+    };
+    let mut end = Ok(());
+    run.run_all(follow, |outcome| {
+        let hand_over = |py: Python<'_>| {
+            let report = report(py, &outcome, target, distilled, warnings.take())?;
+            made.call1(py, (PyBytes::new(py, &outcome.encoded.bytes), report))
+        };
+        // Nothing is written after an interruption.
+        end = line.check().and_then(|()| match Python::attach(hand_over) {
+            Ok(_) => Ok(()),
+            Err(error) => Err(Fault::Raised(error)),
+        });
+        if end.is_ok() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
     })?;
-    line.check()?;
-    Ok(TuneReport { outcome, distilled, warnings })
+    end.and_then(|()| line.check())
 }
 
 /// Photos that Python gives, at their cameras.

@@ -124,11 +124,25 @@ def test_tune_takes_photos_as_arrays(splats, tmp_path):
     assert len(gsvx.decompress(tmp_path / "a.gsvx")["means"]) < len(splats["means"])
 
 
+def test_a_tuned_stream_that_cannot_be_written_is_an_error(splats):
+    class Full:
+        def write(self, data):
+            raise OSError("no space")
+
+    splats = {name: array[::20] for name, array in splats.items()}
+    cameras = gsvx.read_cameras(ROOM, "train")[::8]
+    with pytest.raises(OSError, match="no space"):
+        gsvx.tune(Full(), splats, cameras, distil=True, effort="quick", quality=30)
+
+
 def test_wrong_use_of_tune(splats, tmp_path):
     out = tmp_path / "x.gsvx"
     cameras = gsvx.read_cameras(ROOM, "train")[:3]
     for given, said in [
         (dict(quality=40, target_bytes=1), "only one of them"),
+        (dict(quality=40, qualities=[40]), "only one of them"),
+        (dict(qualities=[]), "at least one expected"),
+        (dict(qualities=["many"]), "a number expected"),
         (dict(effort="much"), "effort: use quick"),
         (dict(photos=[np.zeros((4, 4))] * 3), "height, width, 3"),
         (dict(photos=[np.zeros((160, 240, 3), np.uint8)]), "1 of them for 3 cameras"),

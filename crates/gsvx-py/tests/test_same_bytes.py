@@ -68,3 +68,16 @@ def test_tune(command, splats, tmp_path):
     report = gsvx.tune(ours, splats, ROOM, effort="quick", target_bytes=20_000, web=True)
     assert ours.read_bytes() == path.read_bytes()
     assert report.bytes <= 20_000 and not report.distilled
+
+
+def test_tune_to_several_qualities(command, splats, tmp_path):
+    path = tmp_path / "command.gsvx"
+    command("tune", MODEL, "--cameras", ROOM, "-o", path, "--effort", "quick", "--qualities", "30,45.5")
+    report = gsvx.tune(tmp_path / "ours.gsvx", splats, ROOM, effort="quick", qualities=[30, 45.5])
+    (further,) = report.further
+    for made in (report, further):
+        ours = tmp_path / f"ours-q{made.quality:g}.gsvx"
+        assert ours.read_bytes() == path.with_name(f"command-q{made.quality:g}.gsvx").read_bytes()
+        assert made.bytes == ours.stat().st_size
+    assert (report.quality, further.quality) == (45.5, 30)
+    assert not (tmp_path / "ours.gsvx").exists()

@@ -104,8 +104,9 @@ class TuneReport:
     the input model. SSIMULACRA2 is NaN for pictures below 8 pixels.
     ``elsewhere_psnr``: against renders of the input model at views beside the cameras' path or around the model,
     whichever is worse; None if nothing is seen there.
-    ``distilled``: whether the model was tuned to its own renders. ``steps``, ``seconds``: how long. The others
-    are as in :class:`Report`.
+    ``distilled``: whether the model was tuned to its own renders. ``steps``, ``seconds``: how long, since the start of
+    the run. ``further``: with ``qualities``, reports of the other streams that the call made. The others are as in
+    :class:`Report`.
     """
 
     bytes: int
@@ -126,6 +127,7 @@ class TuneReport:
     missed: Optional[str]
     warnings: List[str]
     parts: Dict[str, int]
+    further: List["TuneReport"] = field(default_factory=list, repr=False)
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ def tune(
     photos: Optional[Sequence[Any]] = None,
     *,
     quality: Optional[float] = None,
+    qualities: Optional[Sequence[float]] = None,
     target_bytes: Optional[int] = None,
     target_psnr: Optional[float] = None,
     effort: str = "normal",
@@ -44,7 +45,8 @@ def tune(
     files (PNG, JPEG, WebP). Without photos, or with ``distil``, the model is tuned to its own renders.
     Photos that seem to be of other views than their cameras' are refused without ``force_photos``.
 
-    One of these is the target (default: quality 58): ``quality``, 0 to 100; ``target_bytes``;
+    One of these is the target (default: quality 58): ``quality``, 0 to 100; ``qualities``, several, where "small.gsvx"
+    becomes "small-q42.gsvx", "small-q58.gsvx" ..., five in about twice the time of one; ``target_bytes``;
     ``target_psnr``, dB against the photos at views kept aside. ``effort``: "quick" (45 seconds for 120,000
     Gaussians and small photos on one core), "normal" (3 minutes) or "long" (10 minutes). ``seed``: of the
     order of the views. ``drop_unseen`` leaves out what the views do not show: fewer bytes, and good only where the
@@ -52,18 +54,18 @@ def tune(
     ``checkpoint``: file that keeps what is needed to go on after an interruption; an
     existing one is continued.
 
-    Ctrl-C ends the work, and no stream is written; the checkpoint stays. To see the tuned model, decompress
+    Ctrl-C ends the work, and the stream under way is not written; the checkpoint stays. To see the tuned model, decompress
     the stream.
 
     Raises as :func:`gsvx.compress`.
     """
     check_writable(path)
-    _check(quality, target_bytes, target_psnr, effort)
+    wanted = _check(path, quality, qualities, target_bytes, target_psnr, effort)
     check_numbers({"seed": seed}, {})
     views = _as_cameras(cameras, training=True)
     used = None if distil or photos is None else _photos(photos)
     options = dict(
-        quality=quality,
+        qualities=wanted,
         target_bytes=target_bytes,
         target_psnr=target_psnr,
         effort=effort,
@@ -77,30 +79,54 @@ def tune(
         drop_invalid=drop_invalid,
     )
     native = views._native()
-    stream, report = _gsvx.tune(model(splats), native, used, options, _callback(progress))
-    write(path, stream)
-    result = TuneReport(**report)
-    for warning in [*result.warnings, *filter(None, [result.missed])]:
+    reports: List[TuneReport] = []
+
+    def made(stream: bytes, report: Dict[str, Any]) -> None:
+        target = path
+        if qualities is not None and is_path(path):
+            target = _named(path, report["quality"])
+        write(target, stream)
+        reports.append(TuneReport(**report))
+
+    _gsvx.tune(model(splats), native, used, options, made, _callback(progress))
+    for warning in [w for r in reports for w in [*r.warnings, *filter(None, [r.missed])]]:
         warnings.warn(warning, stacklevel=2)
-    return result
+    reports[0].further.extend(reports[1:])
+    return reports[0]
+
+
+def _named(path: PathLike, quality: float) -> str:
+    """The file of one of several streams."""
+    stem, extension = os.path.splitext(os.fspath(path))
+    return f"{stem}-q{quality:g}{extension}"
 
 
 def _check(
+    path: Target,
     quality: Optional[float],
+    qualities: Optional[Sequence[float]],
     target_bytes: Optional[int],
     target_psnr: Optional[float],
     effort: str,
-) -> None:
-    """Arguments, and combinations of them, that make no sense."""
+) -> List[float]:
+    """Refuses arguments, and combinations of them, that make no sense. The qualities of the streams, the highest first."""
     check_numbers(
         {"target_bytes": target_bytes}, {"quality": quality, "target_psnr": target_psnr}
     )
-    targets = dict(quality=quality, target_bytes=target_bytes, target_psnr=target_psnr)
+    for one in qualities or []:
+        check_numbers({}, {"qualities": one})
+    targets = dict(
+        quality=quality, qualities=qualities, target_bytes=target_bytes, target_psnr=target_psnr
+    )
     given = [name for name, value in targets.items() if value is not None]
     if len(given) > 1:
         raise ValueError(f"{' and '.join(given)}: only one of them can be given")
+    if qualities is not None and (len(qualities) == 0 or not is_path(path)):
+        raise ValueError("qualities: at least one expected, and the name of a file as path")
     if effort not in ("quick", "normal", "long"):
         raise ValueError(f"effort: use quick, normal or long, not {effort!r}")
+    wanted = [quality] if quality is not None else qualities or []
+    return sorted({float(one) for one in wanted}, reverse=True)
 
 
 def _photos(photos: Sequence[Any]) -> Sequence[Any]:
