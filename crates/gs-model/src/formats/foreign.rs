@@ -61,6 +61,10 @@ const SIGNATURES: &[Signature] = &[
         b"BLENDER",
         "a Blender file; export its Gaussians with the extension of gsvx for Blender",
     ),
+    signature(
+        b"paper\x01",
+        "a stream of the paper's codec; cargo run -p gsvx-paper --example decode STREAM.paper OUT.ply opens it",
+    ),
     signature(b"\x93NUMPY", TENSORS),
     signature(b"\x89HDF", TENSORS),
     signature(b"\x80\x02", TENSORS),
