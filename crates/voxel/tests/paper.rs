@@ -90,6 +90,20 @@ fn a_voxel_of_tau1_gaussians_is_not_divided() {
     assert!(of(4)[..5].iter().all(|&d| d > 1));
 }
 
+/// Nor is one with a mean at exactly tau2 from its centre.
+#[test]
+fn a_voxel_with_a_mean_at_tau2_is_not_divided() {
+    // In a voxel of side 0.5: the second is half a side from the centre.
+    let scene = at(&[[0.25; 3], [0.25, 0.25, 0.0], [0.999; 3]], -8.0);
+    let cube = Cube { origin: [0.0; 3], side: 1.0 };
+    let of = |tau2| {
+        let strategy = Strategy::Paper { large_percent: 0.0, j_low: 1, j_high: 4, tau1: 30, tau2 };
+        found(&scene, &cube, &strategy)
+    };
+    assert_eq!(of(0.5)[..2], [1; 2]);
+    assert!(of(0.49)[..2].iter().all(|&d| d > 1));
+}
+
 /// Figure 4: 18 Gaussians, tau = 5, depths 1 to 4. A sparse voxel stays at depth 1, a dense one is divided until no voxel
 /// has more than five, and the large one goes to depth 4.
 #[test]
