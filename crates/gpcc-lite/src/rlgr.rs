@@ -12,7 +12,7 @@ use crate::bytes::{BitReader, BitWriter};
 use crate::coder::{folded, unfolded};
 use crate::error::{Error, Result};
 
-// Constants of the adaptation, those of RemoteFX: smaller on RAHT coefficients than Malvar's.
+// Constants of the adaptation: those of RemoteFX.
 
 /// Binary logarithm of `L`, the scale of both states.
 const L_LOG2: u32 = 3;

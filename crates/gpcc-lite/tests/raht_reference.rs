@@ -108,6 +108,27 @@ proptest! {
         }
     }
 
+    /// What a merge says of itself is what the transform of one leaf after the other shows.
+    #[test]
+    fn factors_of_a_merge_are_those_of_the_transform(tree in any_octree(), seed: u64) {
+        let n = tree.len();
+        let plan = RahtPlan::new(tree.clone()).weighted(&any_weights(n, seed)).unwrap();
+        let mut squares = vec![0.0; n];
+        for leaf in 0..n {
+            let mut response: Vec<f64> = (0..n).map(|i| f64::from(u8::from(i == leaf))).collect();
+            plan.forward_f64(&mut response).unwrap();
+            squares.iter_mut().zip(response).for_each(|(sum, r)| *sum += r * r);
+        }
+        for k in 1..n {
+            let [a, b] = plan.child_weights(k);
+            let wanted = [b / (a + b), ((a + b) / (a * b)).sqrt(), squares[k].sqrt()];
+            let merge = plan.merge(k);
+            for (got, want) in [merge.share, merge.scale, merge.noise_gain].into_iter().zip(wanted) {
+                prop_assert!((f64::from(got) - want).abs() < 1e-5 * want, "{k}: {got} {want}");
+            }
+        }
+    }
+
     #[test]
     fn coefficients_run_coarse_to_fine(tree in any_octree()) {
         let plan = RahtPlan::new(tree.clone());

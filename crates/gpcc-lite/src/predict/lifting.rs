@@ -224,3 +224,28 @@ fn code_levels<C: Coder>(lift: &Lifting<'_>, q: &mut [i32], coder: &mut C) {
         last = (last * 3) / 4 + 2 * v.unsigned_abs();
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Leaf, Octree};
+
+    /// A step that is smaller by the root of the influence: errors of all coefficients then count alike.
+    #[test]
+    fn influence_is_shared_out_and_steps_fall_with_its_root() {
+        let leaves = (0..900u64).map(|i| Leaf { morton: 4 * i + i % 3, depth: 5 }).collect();
+        let near = Neighbours::coarser(&Octree::of_points(5, leaves).unwrap());
+        let lift = Lifting::new(&near);
+        let coarsest = &near.order()[..near.levels()[1] as usize];
+        let sum: u64 = coarsest.iter().map(|&i| lift.influence[i as usize]).sum();
+        let points = sum as f64 / f64::from(1 << INFLUENCE_BITS);
+        assert!((points - 900.0).abs() < 9.0, "{points}");
+        let step = Step::new(20.0);
+        for i in [coarsest[0] as usize, 450, 899] {
+            let influence = lift.influence[i] as f64 / f64::from(1 << INFLUENCE_BITS);
+            let product = lift.step_of(i, step).value() * influence.sqrt();
+            assert!((product - 20.0).abs() < 0.2, "{i}: {product}");
+        }
+        assert!(lift.influence[coarsest[0] as usize] > 100 << INFLUENCE_BITS);
+    }
+}
