@@ -12,15 +12,15 @@ use rayon::prelude::*;
 use crate::container::{ContainerReader, ContainerWriter};
 use crate::error::{Error, Result, coding};
 
-/// Quantisation parameters, 0 to 51. The step is `2^((qp - 4) / 6)` 255ths of a channel's range, because the
-/// paper quantises to 8 bits before it transforms.
+/// Quantisation parameters, 0 to 51. The step is `2^((qp - 4) / 6)` 255ths of a channel's range, as in the
+/// authors' code, which quantises to 8 bits before it transforms.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Qp {
-    /// Q_ac, of all SH coefficients of degree 1 and up; the paper uses 4 to 40.
+    /// Q_ac, of all SH coefficients of degree 1 and up; the authors use 4 to 40.
     pub ac: u8,
-    /// Q_dc, of the base colour; the paper uses 4 to 28.
+    /// Q_dc, of the base colour; the authors use 4 to 28.
     pub dc: u8,
-    /// Q_op, of the opacity; the paper uses 4 to 40.
+    /// Q_op, of the opacity; the authors use 4 to 40.
     pub opacity: u8,
 }
 
@@ -225,6 +225,13 @@ mod tests {
             let error = (square / values.len() as f64).sqrt();
             // A coefficient is at most two thirds of a step off, and the transform is orthonormal.
             assert!(error > 0.0 && error <= 0.667 * f64::from(step), "{error}, {step}");
+        }
+    }
+
+    #[test]
+    fn six_more_of_a_qp_double_the_step() {
+        for (qp, wanted) in [(4, 1.0), (10, 2.0), (16, 4.0), (28, 16.0)] {
+            assert!((step(qp, &[-55.0, 0.0, 200.0]) - wanted).abs() < 1e-5, "{qp}");
         }
     }
 

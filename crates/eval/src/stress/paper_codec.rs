@@ -137,7 +137,7 @@ fn codewords(was: &Scene, is: &Scene, path: f64) -> f64 {
     far.max(by_raht(&sizes, &found, FACTOR_STEP, path))
 }
 
-/// Barycenters of the Gaussians of each cell of a coarse octree are fixed points of the paper's equation 6, with weights.
+/// Barycenters of the Gaussians of each cell of a coarse octree are fixed points of the paper's equation 5, with weights.
 pub(super) fn barycenters(scene: &Scene) -> Result<ChainOutcome> {
     let of = match paper::voxelize(scene, &Strategy::Uniform { depth: 4 }) {
         Ok(of) => of,
