@@ -1,5 +1,6 @@
 //! The measurements behind pages of docs/results.
 
+mod distribution;
 pub mod error;
 pub mod gpcc;
 pub mod gpu;

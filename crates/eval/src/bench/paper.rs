@@ -7,6 +7,7 @@ use anyhow::{Context, Result};
 use finetune::Backend;
 use voxel::{Merge, Released, Strategy, w2};
 
+use super::distribution;
 use crate::bd::{self, Point};
 use crate::measure::{self, Metric};
 use crate::page::{Page, Table, signed};
@@ -36,6 +37,9 @@ pub struct PaperOptions {
     /// Where the fine-tunes compute: cpu, gpu, or auto for a GPU if there is one
     #[arg(long, value_name = "WHERE", default_value = "cpu")]
     backend: Backend,
+    /// Draw instead how dense and how large the Gaussians of each scene are, as in figure 3: DIR/SCENE.png
+    #[arg(long, value_name = "DIR")]
+    pictures: Option<PathBuf>,
     /// Where the page goes
     #[arg(long, default_value = "docs/results/paper.md")]
     out: PathBuf,
@@ -61,6 +65,9 @@ struct ScenePart {
 /// If a scene cannot be read or a file cannot be written.
 pub fn run(options: &PaperOptions) -> Result<()> {
     let PaperOptions { scenes, steps, .. } = options;
+    if let Some(folder) = &options.pictures {
+        return distribution::draw(scenes, folder);
+    }
     let parts = scenes.iter().map(|name| part(name, options));
     let parts: Vec<ScenePart> = parts.collect::<Result<_>>()?;
     let depths = scenes.iter().zip(&parts).map(|(name, part)| format!("{name} {}", part.depth));
