@@ -69,6 +69,20 @@ fn squares_are_the_energy_of_one_gaussian() {
     }
 }
 
+// The points of one view lie between those of another, so that many looks at one large view see all of its pixels.
+#[test]
+fn a_large_view_weighs_as_many_pixels_as_it_has() {
+    const LOOKS: usize = 16;
+    let scene = scene(25);
+    let large = camera().scaled_to(500, 400).unwrap();
+    let exact = removal(&scene, std::slice::from_ref(&large), |_| ()).squared;
+    let sampled = Visibility::of_all(&scene, &vec![large; LOOKS]).squared;
+    for (i, (exact, sampled)) in exact.into_iter().zip(sampled).enumerate() {
+        let mean = sampled / LOOKS as f32;
+        assert!((mean - exact).abs() <= 0.05 * exact + 1.0, "{i}: {exact} {mean}");
+    }
+}
+
 // The sum of squares of the difference between two renders is the definition. Where a Gaussian is opaque
 // enough to stop a pixel, the effect leaves out what lies beyond; none of these does.
 #[test]

@@ -81,7 +81,7 @@ impl ThinnedScene {
 
     fn view_in(&self, buffers: &mut WeightSums, ring: &Ring, turn: f64) -> f64 {
         buffers.clear();
-        buffers.add(&self.scene, &self.camera(ring, turn));
+        buffers.add(&self.camera(ring, turn));
         let seen = buffers.visibility.total.iter().zip(&self.weights);
         let sum: f64 = seen.map(|(&s, w)| w * (f64::from(s) / SEEN).min(1.0)).sum();
         sum / self.weights.iter().sum::<f64>().max(f64::MIN_POSITIVE)

@@ -117,17 +117,18 @@ fn blend_row<const WEIGHTS: bool>(
         let px = s.p * dx[l];
         let e0 = px + qy;
         let step = gate(e0, e1, s.cut, s.opacity, T_STOP, t[l]);
-        let r = step.w * s.red;
-        let g = step.w * s.green;
-        let b = step.w * s.blue;
-        red[l] += r;
-        green[l] += g;
-        blue[l] += b;
         t[l] = step.t;
         if WEIGHTS {
             weight[l] += step.w;
             let w2 = step.w * step.w;
             square[l] += w2;
+        } else {
+            let r = step.w * s.red;
+            let g = step.w * s.green;
+            let b = step.w * s.blue;
+            red[l] += r;
+            green[l] += g;
+            blue[l] += b;
         }
     }
 }

@@ -20,6 +20,8 @@ pub(crate) struct Lens {
     pub(crate) lo_y: F,
     pub(crate) hi_y: F,
     pub(crate) near: F,
+    /// Variance of the low-pass filter, pixels squared.
+    pub(crate) blur: F,
 }
 
 impl Lens {
@@ -41,6 +43,7 @@ impl Lens {
             lo_y: ((-0.15 * h - camera.cy) / camera.fy) as F,
             hi_y: ((1.15 * h - camera.cy) / camera.fy) as F,
             near: camera.near as F,
+            blur: F(BLUR),
         }
     }
 }
@@ -90,7 +93,7 @@ impl Frame {
         let ewa = ewa_of(lens.fx, lens.fy, u, v, inv_z, lens.w0, lens.w1, lens.w2);
         let v0 = half_cov_row(ewa.t0, rot, s);
         let v1 = half_cov_row(ewa.t1, rot, s);
-        let shape = shape_of(v0, v1, F(BLUR));
+        let shape = shape_of(v0, v1, lens.blur);
         Self { from_eye, m, inv_z, u, v, unit, inv_norm, rot, s, ewa, v0, v1, shape, in_front }
     }
 }
