@@ -6,7 +6,7 @@ use common::{at, clustered, cube};
 use gs_model::Scene;
 use nalgebra::{Matrix3, Vector3};
 use voxel::w2::Gaussian;
-use voxel::{Importance, Merge, Merging, Strategy, Voxelization, merge, voxelize};
+use voxel::{Importance, Merge, Merging, Place, Strategy, Voxelization, merge, voxelize};
 
 fn alpha(logit: f32) -> f64 {
     1.0 / (1.0 + libm::exp(-f64::from(logit)))
@@ -84,6 +84,17 @@ fn importances_weigh_and_only_their_ratios_count() {
     let merged = merge(&scene, &voxels, Merge::Moments).unwrap();
     let e = std::f32::consts::E;
     assert!((merged.sh[0][0] - e / (1.0 + e)).abs() < 1e-6);
+}
+
+#[test]
+fn a_merged_gaussian_may_be_at_the_weighted_mean_of_its_members() {
+    let scene = at(&[[0.0; 3], [0.25; 3], [1.0; 3]], -4.0);
+    let voxels = uniform(&scene, 1);
+    let given = Importance::Given(vec![1.0, 3.0, 1.0]);
+    let merging = Merging::new(&scene, &voxels, Merge::Moments, &given).unwrap();
+    assert_eq!(merging.at(Place::MemberMean).scene().means, [[0.1875; 3], [1.0; 3]]);
+    let centres = [voxels.octree().centre(0), voxels.octree().centre(1)];
+    assert_eq!(merging.scene().means, centres);
 }
 
 #[test]
