@@ -85,7 +85,7 @@ pub use frustum::{MOST as MOST_CAMERAS, that_see};
 #[cfg(feature = "gpu")]
 pub use gpu::{Adapter, DeviceOptimiser};
 pub use image::{Image, Photo};
-pub use likeness::{Likeness, LossEstimate, doubted_loss, estimate_loss};
+pub use likeness::{Likeness, LossEstimate, LossViews, Outlook, doubted_loss, estimate_loss};
 pub use options::{LearningRates, Loss, MAX_EDGE, Profile, RenderOptions};
 pub use photo_check::PhotoCheck;
 pub use references::References;

@@ -9,7 +9,9 @@ use crate::framing;
 use crate::image::Image;
 use crate::metrics;
 use crate::options::RenderOptions;
+use glam::DVec3;
 use gs_model::{Camera, Scene};
+use std::convert::Infallible;
 
 /// Views that are drawn: of given cameras, and of cameras around what matters. Given cameras differ more in what they see.
 const GIVEN: usize = 8;
@@ -44,6 +46,33 @@ pub struct LossEstimate {
     pub at_cameras: Option<Likeness>,
     /// At views that depend on the model alone; `None` if nothing shows in them.
     pub around: Option<Likeness>,
+    /// From where the greatest difference in all these views is seen, in the middle of the view.
+    pub worst: Option<Outlook>,
+}
+
+/// A place to look from, and where to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Outlook {
+    /// The place.
+    pub eye: [f64; 3],
+    /// The direction.
+    pub ahead: [f64; 3],
+    /// The angle of the shorter edge of the view, degrees.
+    pub angle: f64,
+}
+
+/// Pictures of a model from some cameras, which those of its versions are compared with.
+#[derive(Clone, Debug)]
+pub struct LossViews {
+    at_cameras: Vec<Picture>,
+    around: Vec<Picture>,
+}
+
+/// A quarter of a view of a model.
+#[derive(Clone, Debug)]
+struct Picture {
+    camera: Camera,
+    image: Image,
 }
 
 /// How much less a version of `scene` shows than `scene`: at some of the cameras, and at places that depend on the model
@@ -53,20 +82,44 @@ pub struct LossEstimate {
 /// kept.
 #[must_use]
 pub fn estimate_loss(scene: &Scene, version: &Scene, cameras: Option<&[Camera]>) -> LossEstimate {
-    let around = likeness(scene, version, &around(scene, cameras.is_some()));
-    LossEstimate { at_cameras: likeness(scene, version, &some_of(cameras)), around }
+    let step = || Ok::<_, Infallible>(());
+    let Ok(loss) = LossViews::new(scene, cameras).estimate(version, step);
+    loss
+}
+
+impl LossViews {
+    /// From some of the cameras, and from places that depend on the model alone.
+    #[must_use]
+    pub fn new(scene: &Scene, cameras: Option<&[Camera]>) -> Self {
+        let around = pictures(scene, &around(scene, cameras.is_some()));
+        Self { at_cameras: pictures(scene, &some_of(cameras)), around }
+    }
+
+    /// As [`estimate_loss`] of the model. `step` is called before each picture; an error from it ends the work.
+    ///
+    /// # Errors
+    /// Those of `step`.
+    pub fn estimate<E>(
+        &self,
+        version: &Scene,
+        mut step: impl FnMut() -> Result<(), E>,
+    ) -> Result<LossEstimate, E> {
+        let mut worst = Worst::default();
+        let around = likeness(&self.around, version, &mut worst, &mut step)?;
+        let at_cameras = likeness(&self.at_cameras, version, &mut worst, &mut step)?;
+        Ok(LossEstimate { at_cameras, around, worst: worst.outlook })
+    }
 }
 
 /// The loss, if it [casts doubt](LossEstimate::doubts_cameras) on the cameras that chose what a version keeps. If the
 /// version shows well around the model, nothing else is drawn or measured.
 #[must_use]
 pub fn doubted_loss(scene: &Scene, version: &Scene, cameras: &[Camera]) -> Option<LossEstimate> {
-    let (mut squared_error, mut views) = (0.0, 0.0);
-    pictures(scene, version, &around(scene, true), |image, shown| {
-        squared_error += metrics::squared_error(shown, image);
-        views += 1.0;
-    });
-    if metrics::decibels(squared_error / views) >= DOUBTED_BELOW {
+    let views = pictures(scene, &around(scene, true));
+    let errors =
+        views.iter().map(|picture| metrics::squared_error(&picture.of(version), &picture.image));
+    let squared_error: f64 = errors.sum();
+    if metrics::decibels(squared_error / views.len() as f64) >= DOUBTED_BELOW {
         return None;
     }
     Some(estimate_loss(scene, version, Some(cameras))).filter(LossEstimate::doubts_cameras)
@@ -82,35 +135,80 @@ fn some_of(cameras: Option<&[Camera]>) -> Vec<Camera> {
     cameras.iter().step_by(cameras.len().div_ceil(GIVEN).max(1)).cloned().collect()
 }
 
-/// How alike two versions of a model look; `None` if the first shows nothing, as there is nothing to compare then.
-fn likeness(scene: &Scene, version: &Scene, cameras: &[Camera]) -> Option<Likeness> {
+/// How alike a version of a model looks in these pictures; `None` if they show nothing, as there is nothing to compare then.
+fn likeness<E>(
+    pictures: &[Picture],
+    version: &Scene,
+    worst: &mut Worst,
+    step: &mut dyn FnMut() -> Result<(), E>,
+) -> Result<Option<Likeness>, E> {
     let (mut squared_error, mut ssim, mut ssimulacra2, mut shows) = (0.0, 0.0, 0.0, false);
-    pictures(scene, version, cameras, |image, shown| {
+    for picture in pictures {
+        step()?;
+        let (image, shown) = (&picture.image, picture.of(version));
         shows |= image.rgb.iter().any(|&v| v > 0.0);
-        squared_error += metrics::squared_error(shown, image);
+        squared_error += metrics::squared_error(&shown, image);
         let scores =
-            rayon::join(|| metrics::ssim(shown, image), || metrics::ssimulacra2(shown, image));
+            rayon::join(|| metrics::ssim(&shown, image), || metrics::ssimulacra2(&shown, image));
         ssim += scores.0;
         ssimulacra2 += scores.1;
-    });
-    let views = cameras.len();
+        worst.look(picture, &shown);
+    }
+    let views = pictures.len();
     let n = views as f64;
     let psnr = metrics::decibels(squared_error / n).min(EQUAL);
-    shows.then_some(Likeness { psnr, ssim: ssim / n, ssimulacra2: ssimulacra2 / n, views })
+    let likeness = Likeness { psnr, ssim: ssim / n, ssimulacra2: ssimulacra2 / n, views };
+    Ok(shows.then_some(likeness))
 }
 
-/// A quarter of each view, of a model and of a version of it.
-fn pictures(
-    scene: &Scene,
-    version: &Scene,
-    cameras: &[Camera],
-    mut compare: impl FnMut(&Image, &Image),
-) {
-    for (i, camera) in cameras.iter().enumerate() {
+/// A quarter of each view of a model.
+fn pictures(scene: &Scene, cameras: &[Camera]) -> Vec<Picture> {
+    let picture = |(i, camera)| {
         let camera = quarter(camera, i);
-        let [image, shown] =
-            [scene, version].map(|s| render(s, &camera, &RenderOptions::default()));
-        compare(&image, &shown);
+        let image = render(scene, &camera, &RenderOptions::default());
+        Picture { camera, image }
+    };
+    cameras.iter().enumerate().map(picture).collect()
+}
+
+impl Picture {
+    /// The same view of a version of the model.
+    fn of(&self, version: &Scene) -> Image {
+        render(version, &self.camera, &RenderOptions::default())
+    }
+}
+
+/// The greatest difference so far.
+#[derive(Default)]
+struct Worst {
+    squared_error: f64,
+    outlook: Option<Outlook>,
+}
+
+/// Side of a square whose difference is compared with that of others, pixels.
+const SQUARE: usize = 32;
+
+impl Worst {
+    /// Compares the squares of a picture.
+    fn look(&mut self, Picture { camera, image }: &Picture, shown: &Image) {
+        let (width, height) = (image.width as usize, image.height as usize);
+        let across = width.div_ceil(SQUARE);
+        let mut squares = vec![0.0; across * height.div_ceil(SQUARE)];
+        for (i, (a, b)) in image.rgb.iter().zip(&shown.rgb).enumerate() {
+            let difference = f64::from(a.clamp(0.0, 1.0) - b.clamp(0.0, 1.0));
+            let [x, y] = [i / 3 % width, i / 3 / width];
+            squares[y / SQUARE * across + x / SQUARE] += difference * difference;
+        }
+        for (i, squared_error) in squares.into_iter().enumerate() {
+            if squared_error > self.squared_error {
+                let [x, y] = [i % across, i / across].map(|k| ((k * SQUARE) + SQUARE / 2) as f64);
+                let Camera { cx, cy, fx, fy, .. } = *camera;
+                let seen = DVec3::new((x - cx) / fx, (y - cy) / fy, 1.0);
+                let ahead = (camera.rotation.transpose() * seen).normalize().into();
+                let (eye, angle) = (camera.position().into(), camera.narrow_angle());
+                *self = Self { squared_error, outlook: Some(Outlook { eye, ahead, angle }) };
+            }
+        }
     }
 }
 

@@ -1,6 +1,7 @@
 //! The estimate of a loss does not trust the cameras that chose what was kept.
 
-use finetune::{Likeness, doubted_loss, estimate_loss};
+use finetune::{Likeness, Outlook, doubted_loss, estimate_loss};
+use glam::DVec3;
 use gs_model::{Camera, Scene};
 
 /// Two desks, and cameras that see the first one only.
@@ -20,6 +21,12 @@ fn a_loss_that_the_cameras_do_not_see_is_told() {
     let [at_cameras, around] = [loss.at_cameras, loss.around].map(|l| l.unwrap().psnr);
     assert!(at_cameras > around + 10.0, "{at_cameras} at the cameras, {around} around");
     assert_eq!(loss.worse(), loss.around);
+    // What is lost is in the middle of the view.
+    let Outlook { eye, ahead, .. } = loss.worst.unwrap();
+    let [ahead, eye] = [ahead, eye].map(DVec3::from);
+    let lost = scene.means[kept.len()..].iter().map(|m| DVec3::from(m.map(f64::from)) - eye);
+    let angle = lost.map(|to| to.angle_between(ahead).to_degrees()).fold(f64::MAX, f64::min);
+    assert!(angle < 3.0, "{angle} degrees");
     assert!(loss.is_far_apart() && loss.doubts_cameras());
     assert_eq!(doubted_loss(&scene, &kept, &cameras), Some(loss));
     // Without cameras there is one figure.
@@ -34,6 +41,7 @@ fn a_loss_that_the_cameras_do_not_see_is_told() {
     // Nothing is lost: nothing is doubted.
     let same = estimate_loss(&scene, &scene, Some(&cameras));
     assert_eq!(doubted_loss(&scene, &scene, &cameras), None);
+    assert_eq!(same.worst, None);
     assert!(same.worse().unwrap().psnr == 99.0 && !same.is_far_apart());
 }
 

@@ -13,14 +13,19 @@ pub(crate) fn warn(path: &Path, doubt: &CameraDoubt) {
 
 /// As [`warn`]; `unless` says when importances that are not used are.
 pub(crate) fn warn_with(path: &Path, doubt: &CameraDoubt, unless: &str) {
+    note(format_args!("warning: {}", words(path, doubt, unless)));
+}
+
+/// What [`warn_with`] says.
+pub(crate) fn words(path: &Path, doubt: &CameraDoubt, unless: &str) -> String {
     let then = match doubt {
         CameraDoubt::Photos(error) => {
-            return note(format_args!("warning: {}; the cameras are not used", named(path, error)));
+            return format!("{}; the cameras are not used", named(path, error));
         }
         CameraDoubt::Share(_) => String::new(),
         CameraDoubt::Misfit(_) => format!("; their importances are not used{unless}"),
     };
-    note(format_args!("warning: {}: {doubt}{then}", path.display()));
+    format!("{}: {doubt}{then}", path.display())
 }
 
 /// What photos beside cameras say of these.

@@ -12,7 +12,7 @@ use crate::progress::Meter;
 use crate::report::Reporter;
 use crate::views::Origin;
 use crate::{doubts, loss, max_error, scale, size, views};
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, anyhow};
 use gs_model::{Camera, Format, Scene, chain};
 use gsvx::{
     Aim, Choices, EncodeOptions, EncodeProgress, EncodeWarning, EncoderOutput, Leaves, MaxError,
@@ -343,13 +343,19 @@ fn encoded(args: &EncodeArgs, name: &str, scene: Scene) -> Result<(EncodeOutcome
         estimate: !args.no_estimate,
     };
     let path = path.unwrap_or(Path::new(""));
-    let outcome = match tune::encode(scene, &recipe, meters(recipe.cameras)) {
-        Err(error @ tune::Error::OtherPhotos { .. }) => return Err(doubts::refused(path, &error)),
-        Err(error @ tune::Error::NothingSeen) => bail!("{}: {error}", path.display()),
-        other => other.with_context(|| name.to_owned())?,
-    };
+    let outcome = tune::encode(scene, &recipe, meters(recipe.cameras))
+        .map_err(|error| explained(error, path, name))?;
     outcome.doubts.iter().for_each(|doubt| doubts::warn(path, doubt));
     Ok((outcome, origin.flatten()))
+}
+
+/// Why a model, which is called `name`, was not encoded. `cameras` names the cameras.
+pub(crate) fn explained(error: tune::Error, cameras: &Path, name: &str) -> anyhow::Error {
+    match error {
+        tune::Error::OtherPhotos { .. } => doubts::refused(cameras, &error),
+        tune::Error::NothingSeen => anyhow!("{}: {error}", cameras.display()),
+        other => anyhow::Error::new(other).context(name.to_owned()),
+    }
 }
 
 /// Shows how far an encode is.

@@ -16,7 +16,7 @@ use std::path::Path;
 pub(crate) const LARGE: u64 = 2 << 30;
 
 /// How a model is read.
-#[derive(clap::Args, Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(clap::Args, Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Reading {
     /// Format of the input, where its name and content do not say: a .splat from a pipe, say.
     #[arg(long, value_name = "FORMAT", value_parser = format::read_name(), hide_short_help = true,
@@ -200,9 +200,14 @@ impl Reading {
     }
 }
 
+/// A model as every command reads it that is given no flags about that.
+pub(crate) fn strict(path: &Path) -> Result<LoadedModel> {
+    Reading::default().model(path, true)
+}
+
 /// Opens a file of any format, without its invalid Gaussians.
 pub(crate) fn lenient(path: &Path) -> Result<OpenedInput> {
-    let reading = Reading { from: None, drop_invalid: true, axes: Axes::Turn };
+    let reading = Reading { drop_invalid: true, ..Reading::default() };
     reading.open(path, &reading.options(None))
 }
 

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 /// A flag that asks the running work to stop by itself, if it knows how to.
 static CANCEL: OnceLock<Arc<AtomicBool>> = OnceLock::new();
 
-/// Set while there is nothing to lose: an interruption is then how the command ends.
+/// Set while a page is served: an interruption is then how the command ends.
 static SERVING: AtomicBool = AtomicBool::new(false);
 
 /// Signals closer together than this are one: `timeout` signals the command and then its process
@@ -24,6 +24,8 @@ pub(crate) fn install() -> Result<()> {
     let mut first: Option<Instant> = None;
     ctrlc::set_handler(move || {
         if SERVING.load(Ordering::Relaxed) {
+            // Nothing that is being saved stays behind.
+            let _ledger = Ledger::close();
             std::process::exit(0);
         }
         let asked = CANCEL.get().is_some_and(|flag| !flag.swap(true, Ordering::Relaxed));

@@ -4,6 +4,7 @@ mod answer;
 mod request;
 mod server;
 mod start;
+mod stream_maker;
 
 use crate::exit::note;
 use crate::input;
@@ -15,12 +16,15 @@ use serde_json::json;
 use start::Start;
 use std::net::TcpListener;
 use std::path::PathBuf;
+use stream_maker::StreamMaker;
 
 pub(crate) const EXAMPLES: &str = "\
 Examples:
   gsvx view scene.gsvx
   gsvx view scene.gsvx point_cloud.ply       side by side, with a line to move
   gsvx view city.gsvx --budget 500k          for a phone or an old machine
+  gsvx view point_cloud.ply --encode         choose a quality by eye, and save the stream
+  gsvx view point_cloud.ply --encode --cameras data/fox
   gsvx view scene.gsvx --port 8000 --no-open";
 
 #[derive(clap::Args)]
@@ -32,6 +36,21 @@ pub(crate) struct ViewArgs {
     /// are loaded as the camera moves: 500k, 2M [default: 2M].
     #[arg(long, value_name = "GAUSSIANS", value_parser = size::count)]
     budget: Option<u64>,
+    /// Encode the model: the page has a slider for the quality, shows model and stream side by side with the loss, leads to
+    /// where they differ most, and saves the stream.
+    ///
+    /// Beside the saved stream it gives the command that makes the same one.
+    #[arg(long)]
+    encode: bool,
+    /// With --encode: cameras of the training photos; what they see gets more bits, unless a switch in the page is off.
+    #[arg(long, value_name = "PATH", requires = "encode")]
+    cameras: Option<PathBuf>,
+    /// With --encode: the stream that the page saves [default: beside the model, NAME-qQUALITY.gsvx].
+    #[arg(short, long, value_name = "PATH", requires = "encode")]
+    output: Option<PathBuf>,
+    /// With --encode: replace an existing stream.
+    #[arg(long, requires = "encode")]
+    force: bool,
     /// Port on this machine; 0 takes a free one.
     #[arg(long, default_value_t = 0)]
     port: u16,
@@ -48,8 +67,10 @@ pub(crate) fn run(args: &ViewArgs, report: Reporter) -> Result<()> {
         anyhow!("port {}: cannot be opened: {e}; name another with --port", args.port)
     })?;
     let host = listener.local_addr().context("the server has no address")?.to_string();
+    let maker = args.encode.then(|| StreamMaker::new(args, report)).transpose()?;
     let start = Start::of(&args.files);
-    let url = page(&host, args, start.as_ref());
+    let mut url = page(&host, args, start.as_ref());
+    url += &maker.as_ref().map_or(String::new(), StreamMaker::query);
     let first = start.map_or(String::new(), |start| format!("first camera: {}\n", start.from));
     interrupt::is_the_end();
     report.say(false, &format!("{url}\n{first}Ctrl-C ends"), &json!({ "url": url }))?;
@@ -59,7 +80,7 @@ pub(crate) fn run(args: &ViewArgs, report: Reporter) -> Result<()> {
         note(format_args!("the browser does not open by itself ({error}): open the address above"));
     }
     let files = args.files.clone();
-    server::serve(&listener, move |request| answer::answer(request, &host, &files));
+    server::serve(&listener, move |request| answer::answer(request, &host, &files, maker.as_ref()));
     Ok(())
 }
 

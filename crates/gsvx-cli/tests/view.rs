@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{Folder, gsvx, one_line, room};
+use common::{Folder, gsvx, json, ok, one_line, room, room_cameras};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::process::{Child, Stdio};
@@ -36,6 +36,13 @@ impl View {
     fn get(&self, path: &str, headers: &str) -> (String, Vec<u8>) {
         let host = format!("Host: {}\r\n", self.host);
         self.send(&format!("GET {path} HTTP/1.1\r\n{host}Connection: close\r\n{headers}\r\n"))
+    }
+
+    /// As [`View::get`], for what the page alone asks for.
+    fn post(&self, path: &str) -> (String, Vec<u8>) {
+        let host = &self.host;
+        let origin = format!("Origin: http://{host}\r\nContent-Length: 0\r\n");
+        self.send(&format!("POST {path} HTTP/1.1\r\nHost: {host}\r\n{origin}\r\n"))
     }
 
     fn send(&self, request: &str) -> (String, Vec<u8>) {
@@ -150,6 +157,108 @@ fn without_cameras_the_page_starts_where_an_orbit_does() {
     let orbit = finetune::Photo::new(640, 480, orbit.into_raw()).expect("its size");
     let psnr = finetune::metrics::psnr(&shown, &orbit.image());
     assert!(psnr > 40.0, "{psnr} dB");
+}
+
+/// The room without Gaussians that make it slow, and its cameras.
+fn encoding(dir: &Folder, more: &[&str]) -> View {
+    let (model, cameras) = (dir.small(), dir.join("cameras"));
+    room_cameras(&cameras, "");
+    let mut args = vec!["--encode".as_ref(), &*model, "--cameras".as_ref(), &*cameras];
+    args.extend(more.iter().map(std::path::Path::new));
+    View::of(&args)
+}
+
+#[test]
+fn the_page_gets_streams_of_gsvx_encode_and_saves_them() {
+    let dir = Folder::new();
+    let view = encoding(&dir, &[]);
+    assert!(view.page.ends_with("&encode=80&cameras=true"), "{}", view.page);
+    let (model, cameras) = (dir.join("small.ply"), dir.join("cameras"));
+    let (plain, by_cameras) = (dir.join("plain.gsvx"), dir.join("by_cameras.gsvx"));
+    ok("encode @ -o @ -q 62.5 --no-estimate", &[&model, &plain]);
+    let line = "encode @ -o @ -q 35 --cameras @";
+    let told = json(line, &[&model, &by_cameras, &cameras])["estimated_loss"].clone();
+    let body = |path: &str| {
+        let (head, body) = view.post(path);
+        assert!(head.starts_with("HTTP/1.1 200"), "{head}");
+        body
+    };
+    assert!(body("/encode?quality=62.5&cameras=false") == std::fs::read(&plain).unwrap());
+    let saved = body("/save?quality=62.5&cameras=false");
+    assert!(body("/encode?quality=35&cameras=true") == std::fs::read(by_cameras).unwrap());
+    let loss = body("/estimate?quality=35&cameras=true");
+    let loss: serde_json::Value = serde_json::from_slice(&loss).unwrap();
+    for (name, value) in told.as_object().unwrap() {
+        assert_eq!(loss[name], *value, "{name}");
+    }
+    assert!(loss["words"].as_str().unwrap().starts_with("estimated loss: about "), "{loss}");
+    let ahead = loss["worst"]["ahead"].as_array().unwrap();
+    let length: f64 = ahead.iter().map(|v| v.as_f64().unwrap().powi(2)).sum();
+    assert!((length - 1.0).abs() < 1e-9, "{loss}");
+    // The estimate and the file are of the last stream only.
+    for path in ["/estimate?quality=62.5&cameras=true", "/save?quality=62.5&cameras=false"] {
+        assert!(view.post(path).0.starts_with("HTTP/1.1 409"), "{path}");
+    }
+    let saved: serde_json::Value = serde_json::from_slice(&saved).unwrap();
+    let file = dir.join("small-q62.5.gsvx");
+    assert!(std::fs::read(&file).unwrap() == std::fs::read(&plain).unwrap());
+    let (model, file) = (model.display(), file.display());
+    assert_eq!(saved["command"], format!("gsvx encode {model} -o {file} -q 62.5"));
+    body("/encode?quality=62.5&cameras=false");
+    let (head, why) = view.post("/save?quality=62.5&cameras=false");
+    assert!(head.starts_with("HTTP/1.1 500"), "{head}");
+    let why = String::from_utf8(why).unwrap();
+    assert_eq!(why, format!("{file}: already exists; pass --force to replace it"));
+}
+
+#[test]
+fn only_the_page_starts_work() {
+    let dir = Folder::new();
+    let view = encoding(&dir, &["-o", dir.join("a b.gsvx").to_str().unwrap()]);
+    let host = &view.host;
+    let post =
+        |more: &str| format!("POST /encode?quality=50 HTTP/1.1\r\nHost: {host}\r\n{more}\r\n");
+    let other = format!("Origin: http://{host}.example.org\r\n");
+    for (more, status) in [("", 403), (&*other, 403), ("Content-Length: 1\r\n", 413)] {
+        let (head, _) = view.send(&post(more));
+        assert!(head.starts_with(&format!("HTTP/1.1 {status}")), "{head}");
+    }
+    assert!(view.get("/encode?quality=50", "").0.starts_with("HTTP/1.1 404"));
+    assert!(view.post("/encode?quality=101").0.starts_with("HTTP/1.1 400"));
+    // A page that is closed while it waits leaves nothing behind.
+    for quality in 0..40 {
+        let mut stream = TcpStream::connect(host).expect("a connection");
+        let request =
+            post(&format!("Origin: http://{host}\r\n")).replace("50", &quality.to_string());
+        stream.write_all(request.as_bytes()).expect("the request is sent");
+    }
+    let (head, _) = view.post("/encode?quality=20&cameras=true");
+    assert!(head.starts_with("HTTP/1.1 200") || head.starts_with("HTTP/1.1 409"), "{head}");
+    assert!(view.post("/encode?quality=20&cameras=true").0.starts_with("HTTP/1.1 200"));
+    assert_eq!(common::names(&dir), ["cameras", "small.ply"]);
+    let (head, saved) = view.post("/save?quality=20&cameras=true");
+    assert!(head.starts_with("HTTP/1.1 200"), "{head}");
+    assert!(String::from_utf8(saved).unwrap().contains("a b.gsvx' -q 20 --cameras "));
+    assert_eq!(common::names(&dir), ["a b.gsvx", "cameras", "small.ply"]);
+}
+
+#[test]
+fn what_cannot_be_encoded_is_told_before_the_page_opens() {
+    let dir = Folder::new();
+    let model = dir.small();
+    let view = View::of(&[&model]);
+    let line = format!("view --no-open @ --port {}", view.host.split(':').nth(1).unwrap());
+    one_line(&common::run(&line, &[&model]), "name another with --port");
+    one_line(&common::run("view --no-open --encode @ -o @", &[&model, &model]), "is the input");
+    common::wrong_usage(
+        &common::run("view --no-open --encode @ @", &[&model, &model]),
+        "one model",
+    );
+    common::wrong_usage(&common::run("view --no-open @ --force", &[&model]), "--encode");
+    let stream = dir.join("small.gsvx");
+    ok("encode @ -o @ --no-estimate", &[&model, &stream]);
+    one_line(&common::run("view --no-open --encode @", &[&stream]), "is a gsvx stream already");
+    one_line(&common::run("view --no-open --encode @ -o @", &[&model, &stream]), "--force");
 }
 
 #[test]

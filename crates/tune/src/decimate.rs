@@ -1,7 +1,7 @@
 //! [`decimate`]: fewer Gaussians by what cameras see.
 
-use crate::encode::{CameraDoubt, CameraEvidence, EncodeEvent};
-use crate::error::{Error, Result};
+use crate::encode::{CameraDoubt, CameraEvidence, EncodeEvent, go_on};
+use crate::error::Result;
 use finetune::doubted_loss;
 use gs_model::{Camera, Scene, View};
 use std::ops::ControlFlow;
@@ -28,10 +28,7 @@ pub fn decimate(
     photos: &[View],
     mut progress: impl FnMut(EncodeEvent<'_>) -> ControlFlow<()>,
 ) -> Result<DecimateOutcome> {
-    let mut tell = |event: EncodeEvent<'_>| match progress(event) {
-        ControlFlow::Continue(()) => Ok(()),
-        ControlFlow::Break(()) => Err(Error::from(gsvx::Error::Cancelled)),
-    };
+    let mut tell = |event: EncodeEvent<'_>| go_on(progress(event));
     let CameraEvidence { importance, mut doubts, proven, .. } =
         CameraEvidence::of(scene, cameras, photos, false, &mut tell)?;
     let mut made = gsvx::decimate(scene, importance.as_deref(), most)?;

@@ -105,7 +105,7 @@ impl CameraDoubt {
 
 impl fmt::Display for CameraDoubt {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let LossEstimate { at_cameras, around } = match self {
+        let LossEstimate { at_cameras, around, .. } = match self {
             Self::Photos(error) => return f.write_str(&gs_model::chain(error)),
             Self::Share(share) => {
                 return f.write_str(&doubt_about_share(*share).unwrap_or_default());
@@ -144,46 +144,107 @@ impl fmt::Display for CameraDoubt {
 /// Those of the encoder; [`Error::NothingSeen`] if the cameras see nothing; [`Error::OtherPhotos`] if what cameras do not
 /// see is to be dropped, and the photos show something else.
 pub fn encode(
-    mut scene: Scene,
+    scene: Scene,
     recipe: &EncodeRecipe<'_>,
     mut progress: impl FnMut(EncodeEvent<'_>) -> ControlFlow<()>,
 ) -> Result<EncodeOutcome> {
-    let EncodeRecipe { aim, options, cameras, photos, .. } = *recipe;
-    let drop_unseen = options.prepare.drop_unseen;
-    let drawn = leave_out_transparent(&mut scene, recipe)?;
-    let mut tell = |event: EncodeEvent<'_>| match progress(event) {
+    let mut input = EncodeInput::new(scene, recipe, &mut progress)?;
+    let doubts = std::mem::take(&mut input.doubts);
+    let mut outcome = input.encode(recipe, progress)?;
+    outcome.doubts.splice(0..0, doubts);
+    Ok(outcome)
+}
+
+/// A model with what cameras see of it, for streams of several qualities.
+#[derive(Debug)]
+pub struct EncodeInput {
+    /// Without what no rasterizer draws.
+    scene: Scene,
+    /// The number of Gaussians of the whole model, and the indices of those here, if these are fewer.
+    drawn: Option<(usize, Vec<usize>)>,
+    importance: Option<Vec<f32>>,
+    seen: Option<VisibilityCount>,
+    proven: bool,
+    /// Why the cameras may not be the model's own.
+    pub doubts: Vec<CameraDoubt>,
+}
+
+impl EncodeInput {
+    /// The first two steps of [`encode`].
+    ///
+    /// # Errors
+    /// As [`encode`].
+    pub fn new(
+        mut scene: Scene,
+        recipe: &EncodeRecipe<'_>,
+        mut progress: impl FnMut(EncodeEvent<'_>) -> ControlFlow<()>,
+    ) -> Result<Self> {
+        let EncodeRecipe { options, cameras, photos, .. } = *recipe;
+        let drawn = leave_out_transparent(&mut scene, recipe)?;
+        let mut tell = |event: EncodeEvent<'_>| go_on(progress(event));
+        let drop_unseen = options.prepare.drop_unseen;
+        let CameraEvidence { importance, count: seen, doubts, proven } =
+            CameraEvidence::of(&scene, cameras, photos, drop_unseen, &mut tell)?;
+        Ok(Self { scene, drawn, importance, seen, proven, doubts })
+    }
+
+    /// The model without what no rasterizer draws.
+    #[must_use]
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    /// The last two steps of [`encode`]. The recipe is that of [`EncodeInput::new`], but for a quality, a size or a
+    /// likeness of its own; without cameras, what they see does not count.
+    ///
+    /// # Errors
+    /// As [`encode`].
+    pub fn encode(
+        &self,
+        recipe: &EncodeRecipe<'_>,
+        mut progress: impl FnMut(EncodeEvent<'_>) -> ControlFlow<()>,
+    ) -> Result<EncodeOutcome> {
+        let EncodeRecipe { aim, options, cameras, .. } = *recipe;
+        let Self { scene, drawn, proven, .. } = self;
+        let importance = self.importance.as_deref().filter(|_| cameras.is_some());
+        // The likeness is to the model before pruning.
+        let likeness = cameras.filter(|_| matches!(aim, Aim::Alike { .. }));
+        let step = |done, all| go_on(progress(EncodeEvent::References(done, all)));
+        let references =
+            likeness.map(|cameras| References::new(scene, cameras, step)).transpose()?;
+        let mut encoder = Encoder::new(aim);
+        encoder.options = options;
+        if let Some(references) = &references {
+            encoder.measure_by(|measure, scene| match measure {
+                Measure::Psnr => references.psnr(scene),
+                Measure::Ssimulacra2 => references.ssimulacra2(scene),
+            });
+        }
+        encoder.on_progress(move |event| progress(EncodeEvent::Encoder(event)));
+        let Judgement { mut output, misfit, loss, seconds: estimate_seconds } =
+            judged(&mut encoder, scene, importance, recipe, *proven)?;
+        let mut seen = self.seen.filter(|_| cameras.is_some());
+        if let (Some(seen), Some(weights), None) = (&mut seen, importance, misfit) {
+            let least = match options.prepare.drop_unseen {
+                true => weights.to_vec(),
+                false => with_unseen(scene, weights, output.quality.unwrap_or_default()),
+            };
+            seen.count(weights, &least, &output.encoded.rows);
+        }
+        if let Some((all, drawn)) = drawn {
+            add_transparent(&mut output.encoded, *all, drawn);
+        }
+        let doubts = misfit.map(CameraDoubt::Misfit).into_iter().collect();
+        Ok(EncodeOutcome { output, seen, doubts, loss, estimate_seconds })
+    }
+}
+
+/// Whether a caller that was told of progress lets the work go on.
+pub(crate) fn go_on(flow: ControlFlow<()>) -> Result<()> {
+    match flow {
         ControlFlow::Continue(()) => Ok(()),
-        ControlFlow::Break(()) => Err(Error::from(gsvx::Error::Cancelled)),
-    };
-    let CameraEvidence { importance, count: mut seen, mut doubts, proven } =
-        CameraEvidence::of(&scene, cameras, photos, drop_unseen, &mut tell)?;
-    // The likeness is to the model before pruning.
-    let likeness = cameras.filter(|_| matches!(aim, Aim::Alike { .. }));
-    let step = |done, all| tell(EncodeEvent::References(done, all));
-    let references = likeness.map(|cameras| References::new(&scene, cameras, step)).transpose()?;
-    let mut encoder = Encoder::new(aim);
-    encoder.options = options;
-    if let Some(references) = &references {
-        encoder.measure_by(|measure, scene| match measure {
-            Measure::Psnr => references.psnr(scene),
-            Measure::Ssimulacra2 => references.ssimulacra2(scene),
-        });
+        ControlFlow::Break(()) => Err(gsvx::Error::Cancelled.into()),
     }
-    encoder.on_progress(move |event| progress(EncodeEvent::Encoder(event)));
-    let Judgement { mut output, misfit, loss, seconds: estimate_seconds } =
-        judged(&mut encoder, &scene, importance.as_deref(), recipe, proven)?;
-    doubts.extend(misfit.map(CameraDoubt::Misfit));
-    if let (Some(seen), Some(weights), None) = (&mut seen, importance, misfit) {
-        let least = match drop_unseen {
-            true => weights.clone(),
-            false => with_unseen(&scene, &weights, output.quality.unwrap_or_default()),
-        };
-        seen.count(&weights, &least, &output.encoded.rows);
-    }
-    if let Some((all, drawn)) = drawn {
-        add_transparent(&mut output.encoded, all, &drawn);
-    }
-    Ok(EncodeOutcome { output, seen, doubts, loss, estimate_seconds })
 }
 
 /// What cameras see of a model, and whether they are its own.

@@ -30,7 +30,8 @@ mod views;
 
 pub use decimate::{DecimateOutcome, decimate};
 pub use encode::{
-    CameraDoubt, EncodeEvent, EncodeOutcome, EncodeRecipe, VisibilityCount, encode, misfit,
+    CameraDoubt, EncodeEvent, EncodeInput, EncodeOutcome, EncodeRecipe, VisibilityCount, encode,
+    misfit,
 };
 pub use error::{Error, Result};
 pub use fine_tune::{FineTune, FineTuneOptions, FineTuned};

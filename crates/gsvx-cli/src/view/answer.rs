@@ -1,6 +1,7 @@
-//! Answers to the requests of the viewer page: the page, and ranges of the files.
+//! Answers to the requests of the viewer page: the page, ranges of the files, and streams that it asks for.
 
 use super::request::Request;
+use super::stream_maker::StreamMaker;
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::ops::Range;
@@ -42,6 +43,11 @@ impl Answer {
         self
     }
 
+    /// These bytes.
+    pub(super) fn of(bytes: Vec<u8>, kind: &str) -> Self {
+        Self::new(200, bytes.len() as u64, io::Cursor::new(bytes)).with("Content-Type", kind)
+    }
+
     /// A status that is no success, and why.
     pub(super) fn refused(status: u16, why: &str) -> Self {
         let (length, body) = (why.len() as u64, io::Cursor::new(why.as_bytes().to_vec()));
@@ -71,6 +77,7 @@ fn reason(status: u16) -> &'static str {
         403 => "Forbidden",
         404 => "Not Found",
         405 => "Method Not Allowed",
+        409 => "Conflict",
         413 => "Content Too Large",
         416 => "Range Not Satisfiable",
         431 => "Request Header Fields Too Large",
@@ -80,15 +87,27 @@ fn reason(status: u16) -> &'static str {
 }
 
 /// Answers one request.
-pub(super) fn answer(request: &Request<'_>, host: &str, files: &[PathBuf]) -> Answer {
+pub(super) fn answer(
+    request: &Request<'_>,
+    host: &str,
+    files: &[PathBuf],
+    maker: Option<&StreamMaker>,
+) -> Answer {
     // Another site that points its name at this machine reads nothing.
     if request.field("Host") != Some(host) {
         return Answer::refused(403, "open the address that gsvx view printed");
     }
+    let (path, query) = request.target.split_once('?').unwrap_or((request.target, ""));
+    if let (Some(maker), "POST") = (maker, request.method) {
+        // Another site that a browser shows starts no work and writes no file here.
+        if request.field("Origin") != Some(&format!("http://{host}")) {
+            return Answer::refused(403, "only the page of gsvx view asks for this");
+        }
+        return maker.answer(path, query);
+    }
     if !matches!(request.method, "GET" | "HEAD") {
         return Answer::refused(405, "GET or HEAD").with("Allow", "GET, HEAD");
     }
-    let path = request.target.split('?').next().unwrap_or_default();
     if path == "/" {
         return Answer::new(200, PAGE.len() as u64, PAGE)
             .with("Content-Type", "text/html; charset=utf-8")

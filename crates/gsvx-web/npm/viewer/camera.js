@@ -67,12 +67,9 @@ export class Camera {
     const [eye, target, up] = [this.home.eye, this.home.target, this.home.up].map((v) => new Vector3(...v));
     const offset = eye.sub(target);
     const distance = offset.length();
+    this.angle = this.start?.angle ?? this.home.angle;
     if (this.start) {
-      const { eye: start, ahead } = this.start;
-      this.camera.position.set(...start);
-      const away = Math.max(this.camera.position.distanceTo(target), 0.1 * distance);
-      this.controls.target.copy(this.camera.position).addScaledVector(new Vector3(...ahead), away);
-      this.finish(away);
+      this.stand(this.start);
       return;
     }
     // The height above the horizon stays the same when the direction of up changes.
@@ -83,6 +80,16 @@ export class Camera {
     this.camera.position.copy(target).addScaledVector(this.up, height * distance);
     this.camera.position.addScaledVector(level.normalize(), Math.sqrt(1 - height * height) * distance);
     this.finish(distance);
+  }
+
+  /** Stands somewhere and looks ahead, at an angle that stays until the next place if none is given. */
+  stand({ eye, ahead, angle = this.angle }) {
+    const [home, target] = [new Vector3(...this.home.eye), new Vector3(...this.home.target)];
+    this.angle = angle;
+    this.camera.position.set(...eye);
+    const away = Math.max(this.camera.position.distanceTo(target), 0.1 * home.distanceTo(target));
+    this.controls.target.copy(this.camera.position).addScaledVector(new Vector3(...ahead), away);
+    this.finish(away);
   }
 
   finish(distance) {
@@ -108,7 +115,7 @@ export class Camera {
   }
 
   resize(aspect) {
-    const angle = this.start?.angle ?? this.home.angle;
+    const angle = this.angle ?? this.home.angle;
     this.camera.aspect = aspect;
     if (!this.isFixed) this.camera.fov = aspect < 1 ? Math.min(wider(angle, 1 / aspect), Math.max(MOST, angle)) : angle;
     this.camera.updateProjectionMatrix();

@@ -1,4 +1,5 @@
 // The viewer page: opens scenes, and shows what is known of them.
+import { Encode } from './encode.js';
 import { Stage, size } from './stage.js';
 
 const $ = (id) => document.getElementById(id);
@@ -98,6 +99,8 @@ function listen() {
   addEventListener('drop', (event) => {
     event.preventDefault();
     classList.remove('over');
+    // A model that is encoded stays.
+    if (query.get('encode')) return;
     [...event.dataTransfer.files].slice(0, 2).forEach((file, i) => open(file, file.name, i));
   });
   addEventListener('keydown', (event) => {
@@ -131,6 +134,7 @@ function start() {
   if (query.get('camera')) camera.fixed(JSON.parse(query.get('camera')));
   const named = (url) => [new URL(url, location.href).href, decodeURIComponent(new URL(url, location.href).pathname.split('/').pop())];
   if (query.get('url')) open(...named(query.get('url')), 0);
+  if (query.get('encode')) new Encode(stage, query.get('encode'), query.get('cameras') === 'true');
   if (query.get('compare')) open(...named(query.get('compare')), 1);
   show();
   setInterval(rate, 500);

@@ -16,10 +16,12 @@ export class Slot {
     this.view.maxSh = stage.maxSh;
   }
 
-  async open(source, name, lod = 0) {
+  /** Opens a scene; if `keep`, the one before is drawn until all of it is there. */
+  async open(source, name, lod = 0, keep = false) {
     const { say, show, budget } = this.stage;
     this.stop?.abort();
-    this.view.clear();
+    if (keep) this.view.keep();
+    else this.view.clear();
     Object.assign(this, { source, name, lod, stop: new AbortController(), complete: false, received: 0, gaussians: 0, length: undefined, head: undefined, detail: undefined });
     const { stop } = this;
     this.view.canvas.setAttribute('aria-label', `Scene ${name}`);
@@ -34,6 +36,8 @@ export class Slot {
       say(error.message.includes(name) ? error.message : `${name}: ${error.message}`);
     }
     this.complete = true;
+    this.view.complete();
+    this.stage.dirty();
     show();
   }
 

@@ -37,14 +37,14 @@ export class Stage {
     return !this.changed && performance.now() >= this.until;
   }
 
-  /** Opens a scene: the first one, or the one that lies over it, right of the line. */
-  open(source, name, number) {
+  /** Opens a scene: the first one, or the one that lies over it, right of the line. `keep` is as for slots. */
+  open(source, name, number, keep = false) {
     if (!this.slots[number] && !this.add(number)) return undefined;
     if (number === 0) {
       this.framed = false;
       this.camera.isMoved = false;
     }
-    return this.slots[number].open(source, name);
+    return this.slots[number].open(source, name, 0, keep);
   }
 
   add(number) {

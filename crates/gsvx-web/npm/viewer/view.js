@@ -18,6 +18,8 @@ export class View {
     this.pieces = new Map();
     /** Pieces that are there and not drawn. */
     this.hidden = new Map();
+    /** Pieces of the scene before, which are drawn until this one is complete. */
+    this.before = [];
     this.maxSh = 3;
   }
 
@@ -43,7 +45,7 @@ export class View {
     mesh.maxSh = this.maxSh;
     for (const id of [chunk.id, ...chunk.replaces]) this.drop(id);
     this.pieces.set(chunk.id, mesh);
-    this.scene.add(mesh);
+    if (!this.before.length) this.scene.add(mesh);
   }
 
   drop(id) {
@@ -83,6 +85,24 @@ export class View {
 
   clear() {
     for (const id of this.all().keys()) this.drop(id);
+    this.complete();
+  }
+
+  /** Draws this scene until the next one is complete. */
+  keep() {
+    if (!this.before.length) {
+      this.before = [...this.pieces.values()];
+      this.pieces.clear();
+    }
+    for (const id of this.all().keys()) this.drop(id);
+  }
+
+  /** Draws what has come in the place of the scene before. */
+  complete() {
+    if (!this.before.length) return;
+    this.scene.remove(...this.before);
+    for (const mesh of this.before.splice(0)) mesh.dispose();
+    for (const mesh of this.pieces.values()) this.scene.add(mesh);
   }
 
   /** Draws SH coefficients up to this degree. */
