@@ -29,7 +29,10 @@ export class Encode {
     $('quality').value = quality;
     $('quality').oninput = () => this.move();
     $('quality').onchange = $('cameras').onchange = () => this.ask();
-    $('worst').onclick = () => stage.camera.stand(this.worst);
+    $('worst').onclick = () => {
+      stage.camera.isMoved = true;
+      stage.camera.stand(this.worst);
+    };
     $('save').onclick = () => this.save();
     this.ask();
   }
@@ -48,8 +51,9 @@ export class Encode {
     const query = (this.query = new URLSearchParams({ quality, cameras: $('cameras').checked }));
     $('quality-text').textContent = quality;
     $('made').textContent = 'encoding …';
+    // What was said of the stream before stays, so that nothing moves.
+    $('loss').classList.add('old');
     $('save').disabled = $('worst').disabled = this.isBusy = true;
-    $('saved').hidden = true;
     const start = performance.now();
     try {
       const stream = await (await post('encode', query, signal)).blob();
@@ -61,8 +65,8 @@ export class Encode {
       $('save').disabled = false;
       // The slider has moved on.
       if ($('quality').value !== quality && this.took < SOON) return void this.ask();
-      $('loss').textContent = 'comparing …';
-      this.judge(await (await post('estimate', query, signal)).json());
+      $('made').append(', comparing …');
+      this.judge(stream.size, await (await post('estimate', query, signal)).json());
     } catch (error) {
       if (signal.aborted) return;
       this.isBusy = false;
@@ -78,7 +82,9 @@ export class Encode {
   }
 
   /** Says how much less the stream shows. */
-  judge({ words, warnings, worst }) {
+  judge(bytes, { words, warnings, worst }) {
+    this.describe(bytes);
+    $('loss').classList.remove('old');
     $('loss').textContent = [words, ...warnings].join('. ');
     this.worst = worst;
     $('worst').disabled = !worst;
