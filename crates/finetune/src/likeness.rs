@@ -57,8 +57,6 @@ pub struct Outlook {
     pub eye: [f64; 3],
     /// The direction.
     pub ahead: [f64; 3],
-    /// The angle of the shorter edge of the view, degrees.
-    pub angle: f64,
 }
 
 /// Pictures of a model from some cameras, which those of its versions are compared with.
@@ -205,8 +203,8 @@ impl Worst {
                 let Camera { cx, cy, fx, fy, .. } = *camera;
                 let seen = DVec3::new((x - cx) / fx, (y - cy) / fy, 1.0);
                 let ahead = (camera.rotation.transpose() * seen).normalize().into();
-                let (eye, angle) = (camera.position().into(), camera.narrow_angle());
-                *self = Self { squared_error, outlook: Some(Outlook { eye, ahead, angle }) };
+                let eye = camera.position().into();
+                *self = Self { squared_error, outlook: Some(Outlook { eye, ahead }) };
             }
         }
     }

@@ -22,7 +22,7 @@ fn a_loss_that_the_cameras_do_not_see_is_told() {
     assert!(at_cameras > around + 10.0, "{at_cameras} at the cameras, {around} around");
     assert_eq!(loss.worse(), loss.around);
     // What is lost is in the middle of the view.
-    let Outlook { eye, ahead, .. } = loss.worst.unwrap();
+    let Outlook { eye, ahead } = loss.worst.unwrap();
     let [ahead, eye] = [ahead, eye].map(DVec3::from);
     let lost = scene.means[kept.len()..].iter().map(|m| DVec3::from(m.map(f64::from)) - eye);
     let angle = lost.map(|to| to.angle_between(ahead).to_degrees()).fold(f64::MAX, f64::min);

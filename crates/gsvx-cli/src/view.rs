@@ -16,7 +16,7 @@ use serde_json::json;
 use start::Start;
 use std::net::TcpListener;
 use std::path::PathBuf;
-use stream_maker::StreamMaker;
+use stream_maker::{EncodeArgs, StreamMaker};
 
 pub(crate) const EXAMPLES: &str = "\
 Examples:
@@ -36,21 +36,8 @@ pub(crate) struct ViewArgs {
     /// are loaded as the camera moves: 500k, 2M [default: 2M].
     #[arg(long, value_name = "GAUSSIANS", value_parser = size::count)]
     budget: Option<u64>,
-    /// Encode the model: the page has a slider for the quality, shows model and stream side by side with the loss, leads to
-    /// where they differ most, and saves the stream.
-    ///
-    /// Beside the saved stream it gives the command that makes the same one.
-    #[arg(long)]
-    encode: bool,
-    /// With --encode: cameras of the training photos; what they see gets more bits, unless a switch in the page is off.
-    #[arg(long, value_name = "PATH", requires = "encode")]
-    cameras: Option<PathBuf>,
-    /// With --encode: the stream that the page saves [default: beside the model, NAME-qQUALITY.gsvx].
-    #[arg(short, long, value_name = "PATH", requires = "encode")]
-    output: Option<PathBuf>,
-    /// With --encode: replace an existing stream.
-    #[arg(long, requires = "encode")]
-    force: bool,
+    #[command(flatten)]
+    encoding: EncodeArgs,
     /// Port on this machine; 0 takes a free one.
     #[arg(long, default_value_t = 0)]
     port: u16,
@@ -67,7 +54,8 @@ pub(crate) fn run(args: &ViewArgs, report: Reporter) -> Result<()> {
         anyhow!("port {}: cannot be opened: {e}; name another with --port", args.port)
     })?;
     let host = listener.local_addr().context("the server has no address")?.to_string();
-    let maker = args.encode.then(|| StreamMaker::new(args, report)).transpose()?;
+    let maker = || StreamMaker::new(&args.encoding, &args.files, report);
+    let maker = args.encoding.encode.then(maker).transpose()?;
     let start = Start::of(&args.files);
     let mut url = page(&host, args, start.as_ref());
     url += &maker.as_ref().map_or(String::new(), StreamMaker::query);

@@ -206,7 +206,7 @@ fn the_page_gets_streams_of_gsvx_encode_and_saves_them() {
     assert_eq!(saved["command"], format!("gsvx encode {model} -o {file} -q 62.5"));
     body("/encode?quality=62.5&cameras=false");
     let (head, why) = view.post("/save?quality=62.5&cameras=false");
-    assert!(head.starts_with("HTTP/1.1 500"), "{head}");
+    assert!(head.starts_with("HTTP/1.1 409"), "{head}");
     let why = String::from_utf8(why).unwrap();
     assert_eq!(why, format!("{file}: already exists; pass --force to replace it"));
 }

@@ -1,29 +1,45 @@
 //! [`StreamMaker`]: streams of a model at the qualities that the page asks for.
 
-use super::ViewArgs;
 use super::answer::Answer;
 use crate::output::{self, Output, is_stdio};
 use crate::report::Reporter;
 use crate::{content, doubts, encode, exit, input, loss, views};
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use finetune::{LossViews, Outlook};
 use gs_model::{Camera, View};
 use gsvx::{Aim, DEFAULT_QUALITY};
 use indicatif::DecimalBytes;
 use serde_json::{Value, json};
-use std::borrow::Cow;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
-use tune::{EncodeInput, EncodeOutcome, EncodeRecipe};
+use tune::{EncodeEvent, EncodeInput, EncodeOutcome, EncodeRecipe};
+
+/// What `gsvx view --encode` makes.
+#[derive(clap::Args, Clone, Debug)]
+pub(super) struct EncodeArgs {
+    /// Encode the model: the page has a slider for the quality, shows model and stream side by side with the loss, leads to
+    /// where they differ most, and saves the stream.
+    ///
+    /// Beside the saved stream it gives the command that makes the same one.
+    #[arg(long)]
+    pub(super) encode: bool,
+    /// With --encode: cameras of the training photos; what they see gets more bits, unless a switch in the page is off.
+    #[arg(long, value_name = "PATH", requires = "encode")]
+    cameras: Option<PathBuf>,
+    /// With --encode: the stream that the page saves [default: beside the model, NAME-qQUALITY.gsvx].
+    #[arg(short, long, value_name = "PATH", requires = "encode")]
+    output: Option<PathBuf>,
+    /// With --encode: replace an existing stream.
+    #[arg(long, requires = "encode")]
+    force: bool,
+}
 
 /// Encodes one stream at a time, the newest that was asked for, and keeps it to be judged and saved.
 pub(super) struct StreamMaker {
+    args: EncodeArgs,
     model: PathBuf,
-    cameras_path: Option<PathBuf>,
-    output: Option<PathBuf>,
-    force: bool,
     report: Reporter,
     input: EncodeInput,
     cameras: Option<Vec<Camera>>,
@@ -31,12 +47,7 @@ pub(super) struct StreamMaker {
     loss_views: OnceLock<LossViews>,
     /// How many streams were asked for.
     asked: AtomicU64,
-    last: Mutex<Option<Arc<MadeStream>>>,
-}
-
-struct MadeStream {
-    wanted: Wanted,
-    outcome: EncodeOutcome,
+    last: Mutex<Option<(Wanted, Arc<EncodeOutcome>)>>,
 }
 
 /// Which stream is asked for.
@@ -56,42 +67,30 @@ impl Wanted {
     }
 }
 
-/// A newer stream was asked for meanwhile.
-#[derive(Debug, thiserror::Error)]
-#[error("a stream of another quality was asked for meanwhile")]
-struct Superseded;
+/// Why a stream is not made, judged or saved.
+const SUPERSEDED: &str = "another stream was asked for meanwhile";
 
 impl StreamMaker {
     /// Reads the model, and finds what the cameras see.
-    pub(super) fn new(args: &ViewArgs, report: Reporter) -> Result<Self> {
-        let ViewArgs { files, cameras: cameras_path, output, force, .. } = args;
-        let [model] = &files[..] else { bail!(exit::usage("--encode takes one model")) };
-        if let Some(output) = output {
+    pub(super) fn new(args: &EncodeArgs, files: &[PathBuf], report: Reporter) -> Result<Self> {
+        let [model] = files else { bail!(exit::usage("--encode takes one model")) };
+        if let Some(output) = &args.output {
             if is_stdio(output) {
                 bail!(exit::usage("-o -: the page saves streams as files"));
             }
-            output::check(output, *force, &[model])?;
+            output::check(output, args.force, &[model])?;
         }
         let scene = input::strict(model)?.scene;
-        let (photos, placed) = views::with_photos(cameras_path.as_deref(), &scene)?;
+        let (photos, placed) = views::with_photos(args.cameras.as_deref(), &scene)?;
         let cameras = placed.map(|placed| placed.cameras);
         let recipe = recipe(DEFAULT_QUALITY, cameras.as_deref(), &photos);
-        let path = cameras_path.as_deref().unwrap_or(Path::new(""));
+        let path = args.cameras.as_deref().unwrap_or(Path::new(""));
         let input = EncodeInput::new(scene, &recipe, encode::meters(recipe.cameras))
             .map_err(|error| encode::explained(error, path, &input::name(model)))?;
         input.doubts.iter().for_each(|doubt| doubts::warn(path, doubt));
-        Ok(Self {
-            model: model.clone(),
-            cameras_path: cameras_path.clone(),
-            output: output.clone(),
-            force: *force,
-            report,
-            input,
-            cameras,
-            loss_views: OnceLock::new(),
-            asked: AtomicU64::new(0),
-            last: Mutex::new(None),
-        })
+        let (args, model, asked) = (args.clone(), model.clone(), AtomicU64::new(0));
+        let (loss_views, last) = (OnceLock::new(), Mutex::new(None));
+        Ok(Self { args, model, report, input, cameras, loss_views, asked, last })
     }
 
     /// What the page is told in its address.
@@ -110,10 +109,8 @@ impl StreamMaker {
         };
         match Wanted::of(query) {
             Err(why) => Answer::refused(400, &format!("quality: {why}")),
-            Ok(wanted) => answer(self, wanted).unwrap_or_else(|error| {
-                let status = if error.is::<Superseded>() { 409 } else { 500 };
-                Answer::refused(status, &exit::line(&error))
-            }),
+            Ok(wanted) => answer(self, wanted)
+                .unwrap_or_else(|error| Answer::refused(409, &exit::line(&error))),
         }
     }
 
@@ -121,20 +118,19 @@ impl StreamMaker {
     fn encode(&self, wanted: Wanted) -> Result<Answer> {
         let number = self.asked.fetch_add(1, Ordering::Relaxed) + 1;
         let mut last = self.last();
-        let made = match last.take().filter(|made| made.wanted == wanted) {
-            Some(made) => made,
+        let made = match last.take().filter(|last| last.0 == wanted) {
+            Some((_, made)) => made,
             None => {
                 let cameras = self.cameras.as_deref().filter(|_| wanted.by_cameras);
-                let outcome = self.input.encode(&recipe(wanted.quality, cameras, &[]), |_| {
-                    let flow = self.is_newest(number);
-                    if flow.is_ok() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
-                });
-                self.is_newest(number)?;
-                Arc::new(MadeStream { wanted, outcome: outcome? })
+                let flow = |_: EncodeEvent<'_>| match self.is_newest(number) {
+                    true => ControlFlow::Continue(()),
+                    false => ControlFlow::Break(()),
+                };
+                Arc::new(self.input.encode(&recipe(wanted.quality, cameras, &[]), flow)?)
             }
         };
-        let bytes = made.outcome.output.encoded.bytes.clone();
-        *last = Some(made);
+        let bytes = made.output.encoded.bytes.clone();
+        *last = Some((wanted, made));
         Ok(Answer::of(bytes, "model/vnd.gsvx"))
     }
 
@@ -142,34 +138,33 @@ impl StreamMaker {
     fn estimate(&self, wanted: Wanted) -> Result<Answer> {
         let number = self.asked.load(Ordering::Relaxed);
         let made = self.made(wanted)?;
-        let EncodeOutcome { output, doubts, .. } = &made.outcome;
         let views = || LossViews::new(self.input.scene(), self.cameras.as_deref());
-        let views = self.loss_views.get_or_init(views);
-        let loss = views.estimate(&output.encoded.decode()?, || self.is_newest(number))?;
+        let loss =
+            self.loss_views.get_or_init(views).estimate(&made.output.encoded.decode()?, || {
+                if self.is_newest(number) { Ok(()) } else { Err(anyhow!(SUPERSEDED)) }
+            })?;
+        let path = self.args.cameras.as_deref().unwrap_or(Path::new(""));
+        let doubts = self.input.doubts.iter().filter(|_| wanted.by_cameras).chain(&made.doubts);
+        let doubts = doubts.map(|doubt| doubts::words(path, doubt, ""));
+        let warnings = made.output.warnings.iter().map(ToString::to_string).chain(doubts);
         let mut json = loss::json(&loss);
-        let cameras = self.cameras_path.as_deref().unwrap_or(Path::new(""));
-        let warnings = output.warnings.iter().map(ToString::to_string);
-        let doubts = doubts.iter().map(|doubt| doubts::words(cameras, doubt, ""));
-        let loss_warning = loss::warning(&loss, false, wanted.by_cameras);
-        json["warnings"] = warnings.chain(doubts).chain(loss_warning).collect();
+        json["warnings"] = warnings.collect();
         json["words"] = loss::human(&loss).into();
-        json["worst"] = loss.worst.map_or(
-            Value::Null,
-            |Outlook { eye, ahead, angle }| json!({ "eye": eye, "ahead": ahead, "angle": angle }),
-        );
+        json["worst"] = loss
+            .worst
+            .map_or(Value::Null, |Outlook { eye, ahead }| json!({ "eye": eye, "ahead": ahead }));
         Ok(Answer::of(json.to_string().into_bytes(), "application/json"))
     }
 
     /// Writes the last stream, and says what makes it again.
     fn save(&self, wanted: Wanted) -> Result<Answer> {
         let made = self.made(wanted)?;
-        let bytes = &made.outcome.output.encoded.bytes;
-        let path = self.output.clone().unwrap_or_else(|| {
+        let path = self.args.output.clone().unwrap_or_else(|| {
             let stem = self.model.file_stem().unwrap_or_default().to_string_lossy();
             self.model.with_file_name(format!("{stem}-q{}.gsvx", wanted.quality))
         });
-        let output = Output::open(&path, self.force, &[&self.model])?;
-        let written = output.write(|out| Ok(out.write_all(bytes)?))?;
+        let output = Output::open(&path, self.args.force, &[&self.model])?;
+        let written = output.write(|out| Ok(out.write_all(&made.output.encoded.bytes)?))?;
         let command = self.command(wanted, &path);
         let human = format!("{}, made again by\n{command}", DecimalBytes(written.bytes));
         let json = json!({ "output": written.name, "bytes": written.bytes, "command": command });
@@ -179,29 +174,29 @@ impl StreamMaker {
 
     /// The command that makes a stream.
     fn command(&self, wanted: Wanted, path: &Path) -> String {
+        let [model, path] = [self.model.as_path(), path].map(Path::to_string_lossy);
         let quality = wanted.quality.to_string();
-        let mut words: Vec<Cow<'_, str>> =
-            vec!["gsvx".into(), "encode".into(), self.model.to_string_lossy()];
-        words.extend(["-o".into(), path.to_string_lossy(), "-q".into(), quality.into()]);
-        if let Some(cameras) = self.cameras_path.as_ref().filter(|_| wanted.by_cameras) {
-            words.extend(["--cameras".into(), cameras.to_string_lossy()]);
+        let mut words = vec!["gsvx", "encode", &model, "-o", &path, "-q", &quality];
+        let cameras = self.args.cameras.as_ref().map(|path| path.to_string_lossy());
+        if let Some(cameras) = cameras.as_ref().filter(|_| wanted.by_cameras) {
+            words.extend(["--cameras", cameras]);
         }
-        shlex::try_join(words.iter().map(AsRef::as_ref)).unwrap_or_else(|_| words.join(" "))
+        shlex::try_join(words.iter().copied()).unwrap_or_else(|_| words.join(" "))
     }
 
     /// The last stream, if it is this one.
-    fn made(&self, wanted: Wanted) -> Result<Arc<MadeStream>> {
-        let made = self.last().clone().filter(|made| made.wanted == wanted);
-        Ok(made.ok_or(Superseded)?)
+    fn made(&self, wanted: Wanted) -> Result<Arc<EncodeOutcome>> {
+        let last = self.last().clone().filter(|last| last.0 == wanted);
+        Ok(last.context(SUPERSEDED)?.1)
     }
 
-    fn last(&self) -> MutexGuard<'_, Option<Arc<MadeStream>>> {
+    fn last(&self) -> MutexGuard<'_, Option<(Wanted, Arc<EncodeOutcome>)>> {
         self.last.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Whether no stream was asked for after this one.
-    fn is_newest(&self, number: u64) -> Result<(), Superseded> {
-        if self.asked.load(Ordering::Relaxed) == number { Ok(()) } else { Err(Superseded) }
+    fn is_newest(&self, number: u64) -> bool {
+        self.asked.load(Ordering::Relaxed) == number
     }
 }
 

@@ -67,7 +67,6 @@ export class Camera {
     const [eye, target, up] = [this.home.eye, this.home.target, this.home.up].map((v) => new Vector3(...v));
     const offset = eye.sub(target);
     const distance = offset.length();
-    this.angle = this.start?.angle ?? this.home.angle;
     if (this.start) {
       this.stand(this.start);
       return;
@@ -82,10 +81,9 @@ export class Camera {
     this.finish(distance);
   }
 
-  /** Stands somewhere and looks ahead, at an angle that stays until the next place if none is given. */
-  stand({ eye, ahead, angle = this.angle }) {
+  /** Stands somewhere and looks ahead. */
+  stand({ eye, ahead }) {
     const [home, target] = [new Vector3(...this.home.eye), new Vector3(...this.home.target)];
-    this.angle = angle;
     this.camera.position.set(...eye);
     const away = Math.max(this.camera.position.distanceTo(target), 0.1 * home.distanceTo(target));
     this.controls.target.copy(this.camera.position).addScaledVector(new Vector3(...ahead), away);
@@ -115,7 +113,7 @@ export class Camera {
   }
 
   resize(aspect) {
-    const angle = this.angle ?? this.home.angle;
+    const angle = this.start?.angle ?? this.home.angle;
     this.camera.aspect = aspect;
     if (!this.isFixed) this.camera.fov = aspect < 1 ? Math.min(wider(angle, 1 / aspect), Math.max(MOST, angle)) : angle;
     this.camera.updateProjectionMatrix();

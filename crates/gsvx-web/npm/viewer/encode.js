@@ -85,7 +85,7 @@ export class Encode {
   judge(bytes, { words, warnings, worst }) {
     this.describe(bytes);
     $('loss').classList.remove('old');
-    $('loss').textContent = [words, ...warnings].join('. ');
+    $('loss').textContent = [words, ...warnings].join('\n');
     this.worst = worst;
     $('worst').disabled = !worst;
   }
@@ -93,8 +93,8 @@ export class Encode {
   async save() {
     $('save').disabled = true;
     try {
-      const { output, command } = await (await post('save', this.query)).json();
-      $('saved').replaceChildren(`Saved as ${output}. The same again: `, Object.assign(document.createElement('code'), { textContent: command }));
+      const { command } = await (await post('save', this.query)).json();
+      $('command').textContent = command;
       $('saved').hidden = false;
     } catch (error) {
       this.stage.say(error.message);

@@ -118,7 +118,8 @@ function hide(hidden) {
 
 function start() {
   listen();
-  if (matchMedia('(max-width: 600px)').matches) hide(true);
+  // The slider comes first.
+  if (query.get('encode') || matchMedia('(max-width: 600px)').matches) hide(true);
   if (query.get('up')) {
     const up = query.get('up').split(',').map(Number);
     // The axis that is nearest.
