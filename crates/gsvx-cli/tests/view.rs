@@ -193,7 +193,7 @@ fn the_page_gets_streams_of_gsvx_encode_and_saves_them() {
     }
     assert!(loss["words"].as_str().unwrap().starts_with("estimated loss: about "), "{loss}");
     let ahead = loss["worst"]["ahead"].as_array().unwrap();
-    let length: f64 = ahead.iter().map(|v| v.as_f64().unwrap().powi(2)).sum();
+    let length: f64 = ahead.iter().map(|v| v.as_f64().unwrap()).map(|v| v * v).sum();
     assert!((length - 1.0).abs() < 1e-9, "{loss}");
     // The estimate and the file are of the last stream only.
     for path in ["/estimate?quality=62.5&cameras=true", "/save?quality=62.5&cameras=false"] {
@@ -232,13 +232,15 @@ fn only_the_page_starts_work() {
             post(&format!("Origin: http://{host}\r\n")).replace("50", &quality.to_string());
         stream.write_all(request.as_bytes()).expect("the request is sent");
     }
-    let (head, _) = view.post("/encode?quality=20&cameras=true");
-    assert!(head.starts_with("HTTP/1.1 200") || head.starts_with("HTTP/1.1 409"), "{head}");
-    assert!(view.post("/encode?quality=20&cameras=true").0.starts_with("HTTP/1.1 200"));
     assert_eq!(common::names(&dir), ["cameras", "small.ply"]);
-    let (head, saved) = view.post("/save?quality=20&cameras=true");
-    assert!(head.starts_with("HTTP/1.1 200"), "{head}");
-    assert!(String::from_utf8(saved).unwrap().contains("a b.gsvx' -q 20 --cameras "));
+    // What those asked for may still be before it.
+    let saved = (0..100).find_map(|_| {
+        view.post("/encode?quality=20&cameras=true");
+        let (head, saved) = view.post("/save?quality=20&cameras=true");
+        head.starts_with("HTTP/1.1 200").then_some(saved)
+    });
+    let saved = String::from_utf8(saved.expect("a stream")).unwrap();
+    assert!(saved.contains("a b.gsvx' -q 20 --cameras "), "{saved}");
     assert_eq!(common::names(&dir), ["a b.gsvx", "cameras", "small.ply"]);
 }
 
