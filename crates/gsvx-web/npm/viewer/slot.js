@@ -60,7 +60,8 @@ export class Slot {
       else view.put(message);
       const { id, replaces, lod, shDegree, count } = message;
       (stage.log ??= []).push({ number: this.number, id, replaces, lod, shDegree, count, at: performance.now() });
-      stage.dirty();
+      // What waits for the rest of its scene is not drawn.
+      if (!view.before.length) stage.dirty();
     }
     stage.show();
   }
