@@ -20,7 +20,7 @@ pub struct DecimateOutcome {
 /// that do not depend on them. `progress` ends the work where it breaks.
 ///
 /// # Errors
-/// Those of [`gsvx::decimate`]; [`Error::NothingSeen`] if the cameras see nothing.
+/// Those of [`gsvx::decimate`]; [`crate::Error::NothingSeen`] if the cameras see nothing.
 pub fn decimate(
     scene: &Scene,
     most: usize,
