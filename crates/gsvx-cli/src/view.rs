@@ -11,6 +11,7 @@ use crate::input;
 use crate::interrupt;
 use crate::report::Reporter;
 use crate::size;
+use answer::AnswerPost;
 use anyhow::{Context, Result, anyhow};
 use serde_json::json;
 use start::Start;
@@ -68,7 +69,11 @@ pub(crate) fn run(args: &ViewArgs, report: Reporter) -> Result<()> {
         note(format_args!("the browser does not open by itself ({error}): open the address above"));
     }
     let files = args.files.clone();
-    server::serve(&listener, move |request| answer::answer(request, &host, &files, maker.as_ref()));
+    server::serve(&listener, move |request| {
+        let post = maker.as_ref().map(|maker| |path: &str, query: &str| maker.answer(path, query));
+        let post = post.as_ref().map(|post| post as AnswerPost<'_>);
+        answer::answer(request, &host, &files, post)
+    });
     Ok(())
 }
 

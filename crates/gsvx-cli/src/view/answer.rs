@@ -1,7 +1,6 @@
 //! Answers to the requests of the viewer page: the page, ranges of the files, and streams that it asks for.
 
 use super::request::Request;
-use super::stream_maker::StreamMaker;
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::ops::Range;
@@ -86,24 +85,27 @@ fn reason(status: u16) -> &'static str {
     }
 }
 
+/// Answers what the page alone may ask for, by the path and the query of its address.
+pub(super) type AnswerPost<'a> = &'a dyn Fn(&str, &str) -> Answer;
+
 /// Answers one request.
 pub(super) fn answer(
     request: &Request<'_>,
     host: &str,
     files: &[PathBuf],
-    maker: Option<&StreamMaker>,
+    post: Option<AnswerPost<'_>>,
 ) -> Answer {
     // Another site that points its name at this machine reads nothing.
     if request.field("Host") != Some(host) {
         return Answer::refused(403, "open the address that gsvx view printed");
     }
     let (path, query) = request.target.split_once('?').unwrap_or((request.target, ""));
-    if let (Some(maker), "POST") = (maker, request.method) {
+    if let (Some(post), "POST") = (post, request.method) {
         // Another site that a browser shows starts no work and writes no file here.
         if request.field("Origin") != Some(&format!("http://{host}")) {
             return Answer::refused(403, "only the page of gsvx view asks for this");
         }
-        return maker.answer(path, query);
+        return post(path, query);
     }
     if !matches!(request.method, "GET" | "HEAD") {
         return Answer::refused(405, "GET or HEAD").with("Allow", "GET, HEAD");
