@@ -62,6 +62,7 @@ mod gpu;
 mod image;
 #[cfg(feature = "gpu")]
 pub mod kernels;
+mod level_errors;
 mod likeness;
 pub mod metrics;
 pub mod optimiser;
@@ -85,6 +86,7 @@ pub use frustum::{MOST as MOST_CAMERAS, that_see};
 #[cfg(feature = "gpu")]
 pub use gpu::{Adapter, DeviceOptimiser};
 pub use image::{Image, Photo};
+pub use level_errors::level_errors;
 pub use likeness::{Likeness, LossEstimate, LossViews, Outlook, doubted_loss, estimate_loss};
 pub use options::{LearningRates, Loss, MAX_EDGE, Profile, RenderOptions};
 pub use photo_check::PhotoCheck;

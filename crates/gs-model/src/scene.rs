@@ -4,6 +4,9 @@ use std::collections::TryReserveError;
 use std::fmt;
 use std::ops::Range;
 
+#[cfg(feature = "files")]
+use crate::math::{self, axes_product};
+
 /// The constant of the degree-0 spherical harmonic, 1 / (2 sqrt(pi)).
 ///
 /// A Gaussian without view dependence has colour `0.5 + SH_C0 * sh[0]`.
@@ -132,6 +135,21 @@ impl Scene {
     #[must_use]
     pub fn bounds(&self) -> [[f32; 3]; 2] {
         bounds_of(self.means.iter().copied())
+    }
+
+    /// As [`Scene::bounds`], of all points within one standard deviation of a Gaussian; no coordinate is infinite.
+    #[cfg(feature = "files")]
+    #[must_use]
+    pub fn extent(&self) -> [[f32; 3]; 2] {
+        let each = self.means.iter().zip(&self.rotations).zip(&self.log_scales);
+        let corners = each.flat_map(|((mean, &rotation), log_scale)| {
+            let variance = log_scale.map(|s| libm::exp(2.0 * f64::from(s)));
+            let [xx, yy, zz, ..] = axes_product(&math::rotation(rotation), variance);
+            let size = [xx, yy, zz].map(|v| v.sqrt() as f32);
+            let corner = |k: usize, size: f32| (mean[k] + size).clamp(f32::MIN, f32::MAX);
+            [-1.0, 1.0].map(|sign| std::array::from_fn(|k| corner(k, sign * size[k])))
+        });
+        bounds_of(corners)
     }
 
     /// The SH coefficients of Gaussian `i`, DC first; `sh_len()` RGB triples.

@@ -193,6 +193,26 @@ fn small_scenes_are_held_exactly_but_for_rotations_and_opacities() {
 }
 
 #[test]
+fn a_chunk_keeps_its_order_and_is_smaller() {
+    let scene = room(3, 3);
+    let size = |files: &sog::Files| files.iter().map(|(_, bytes)| bytes.len()).sum::<usize>();
+    let files = sog::files_of_chunk("0-1", &scene, 0).unwrap();
+    let coarser = sog::files_of_chunk("1-0", &scene, 1).unwrap();
+    assert!(size(&coarser) < size(&files));
+    assert!(size(&files) * 2 < size(&sog::files("a", &scene).unwrap()));
+    let (back, _) = read("a.sog", &zipped(&files)).unwrap();
+    assert_within("chunk", &scene, &back, [2e-3, 1e-3, 0.3, 0.01, 0.07, 0.5]);
+    for degree in 0..=3 {
+        let mut one = scene.select(&[7]);
+        one.cut_sh(degree);
+        let (back, _) =
+            read("a.sog", &zipped(&sog::files_of_chunk("a", &one, degree).unwrap())).unwrap();
+        assert_eq!((back.len(), back.sh_degree), (1, degree));
+        assert_eq!(back.sh_of(0)[0], one.sh_of(0)[0]);
+    }
+}
+
+#[test]
 fn any_number_of_threads_writes_the_same_sog() {
     let scene = room(2, 2);
     let write = |threads| {

@@ -31,7 +31,7 @@ pub use members::META;
 use members::Members;
 use meta::Meta;
 use texture::Texture;
-pub use write::files;
+pub use write::{Files, files, files_of_chunk};
 
 pub(crate) static FORMAT: Format = Format {
     name: "sog",

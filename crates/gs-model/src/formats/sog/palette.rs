@@ -4,6 +4,7 @@ use rayon::prelude::*;
 
 use super::decoder::PALETTE_ROW;
 use super::webp::Pixel;
+use super::write::Precision;
 use crate::scene::Scene;
 
 /// Entries of a codebook.
@@ -18,10 +19,10 @@ pub(super) struct Codebook(Vec<f32>);
 
 impl Codebook {
     /// The codebook of finite numbers.
-    pub(super) fn of_each<const N: usize>(rows: &[[f32; N]]) -> Self {
+    pub(super) fn of_each<const N: usize>(rows: &[[f32; N]], entries: usize) -> Self {
         let step = (N * rows.len()).div_ceil(SAMPLE).max(1);
         let numbers: Vec<[f32; 1]> = rows.iter().step_by(step).flatten().map(|&v| [v]).collect();
-        let mut entries = kmeans::cluster(&numbers, &vec![1.0; numbers.len()], ENTRIES).centres;
+        let mut entries = kmeans::cluster(&numbers, &vec![1.0; numbers.len()], entries).centres;
         entries.sort_by(|a, b| a[0].total_cmp(&b[0]));
         Self(entries.into_iter().flatten().collect())
     }
@@ -35,10 +36,10 @@ impl Codebook {
         if is_nearer { after as u8 } else { before as u8 }
     }
 
-    /// All 256 numbers; the last one is repeated.
+    /// All 256 numbers; the last ones are not used.
     pub(super) fn padded(&self) -> Vec<f32> {
         let mut entries = self.0.clone();
-        entries.resize(ENTRIES, entries.last().copied().unwrap_or_default());
+        entries.resize(ENTRIES, 0.0);
         entries
     }
 }
@@ -54,21 +55,21 @@ pub(super) struct Palette {
 
 impl Palette {
     /// None for a scene without such coefficients. The scene has Gaussians.
-    pub(super) fn of(scene: &Scene) -> Option<Self> {
+    pub(super) fn of(scene: &Scene, precision: &Precision) -> Option<Self> {
         match scene.sh_degree {
-            1 => Some(Self::trained::<9>(scene)),
-            2 => Some(Self::trained::<24>(scene)),
-            3 => Some(Self::trained::<45>(scene)),
+            1 => Some(Self::trained::<9>(scene, precision)),
+            2 => Some(Self::trained::<24>(scene, precision)),
+            3 => Some(Self::trained::<45>(scene, precision)),
             _ => None,
         }
     }
 
-    fn trained<const D: usize>(scene: &Scene) -> Self {
+    fn trained<const D: usize>(scene: &Scene, precision: &Precision) -> Self {
         let higher = |i: usize| scene.sh_of(i)[1..].as_flattened();
         let point = |i: usize| std::array::from_fn(|k| higher(i)[k]);
         let points: Vec<[f32; D]> = (0..scene.len()).into_par_iter().map(point).collect();
         // As many as splat-transform takes.
-        let count = (1usize << scene.len().ilog2()).min(MOST);
+        let count = ((1usize << scene.len().ilog2()) / precision.share).clamp(1, MOST);
         let kmeans::Clusters { centres, of_point } =
             kmeans::cluster(&points, &vec![1.0; points.len()], count);
         // From weak to strong: rows of the image then have entries of one kind, and so few bits.
@@ -78,7 +79,7 @@ impl Palette {
         let mut places = vec![0; centres.len()];
         order.iter().enumerate().for_each(|(place, &entry)| places[entry] = place as u16);
         Self {
-            codebook: Codebook::of_each(&centres),
+            codebook: Codebook::of_each(&centres, precision.entries),
             entries: order.iter().map(|&entry| centres[entry].to_vec()).collect(),
             of_gaussian: of_point.into_iter().map(|entry| places[entry as usize]).collect(),
         }

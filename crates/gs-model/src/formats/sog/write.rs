@@ -20,6 +20,8 @@ use crate::scene::Scene;
 
 /// Steps between the bounds of the means.
 const STEPS: f64 = 65535.0;
+/// Up to two to this power of them become one.
+const MOST_POWERS: u8 = 10;
 /// Longest side of a WebP image.
 const LONGEST: usize = 16383;
 
@@ -32,7 +34,7 @@ struct Meta {
     model: Option<&'static str>,
     means: Means,
     scales: Indexed,
-    quats: Files,
+    quats: Rotations,
     sh0: Indexed,
     #[serde(rename = "shN", skip_serializing_if = "Option::is_none")]
     sh_n: Option<HigherSh>,
@@ -57,7 +59,7 @@ struct Indexed {
 }
 
 #[derive(Serialize)]
-struct Files {
+struct Rotations {
     files: [&'static str; 1],
 }
 
@@ -69,13 +71,51 @@ struct HigherSh {
     files: [&'static str; 2],
 }
 
-/// The files of a scene by their names, `meta.json` last. `file` is the name in errors.
+/// Names and contents of the files of a SOG.
+pub type Files = Vec<(&'static str, Vec<u8>)>;
+
+/// The files of a scene by their names, `meta.json` last, the Gaussians in Morton order. `file` is the name in errors.
 ///
 /// # Errors
 /// [`Error::SceneShape`] or [`Error::SceneDegree`] if the arrays do not fit together, [`Error::Unwritable`] for no
 /// Gaussians, more than an image has pixels, or a number that is not finite.
-pub fn files(file: impl AsRef<Path>, scene: &Scene) -> Result<Vec<(&'static str, Vec<u8>)>> {
-    let file = file.as_ref();
+pub fn files(file: impl AsRef<Path>, scene: &Scene) -> Result<Files> {
+    ordered(file.as_ref(), scene, &morton_order(&scene.means), &Precision::FULL)
+}
+
+/// As [`files`], of a chunk of a level of detail of a coded scene; 0 is the finest. The Gaussians keep their order. Their
+/// numbers are coarser: at full precision a palette for so few takes more bytes than all else.
+///
+/// # Errors
+/// Those of [`files`].
+pub fn files_of_chunk(file: impl AsRef<Path>, scene: &Scene, lod: u8) -> Result<Files> {
+    let order: Vec<usize> = (0..scene.len()).collect();
+    let precision = if lod == 0 { Precision::FINEST } else { Precision::COARSER };
+    ordered(file.as_ref(), scene, &order, &precision)
+}
+
+/// How finely numbers are written.
+pub(super) struct Precision {
+    /// Most numbers in a codebook.
+    pub(super) entries: usize,
+    /// Gaussians for each entry of the palette, or up to twice as many.
+    pub(super) share: usize,
+    /// Steps of a byte of a rotation or an opacity, an even number.
+    steps: f64,
+    /// The least step of positions, in sizes of a small Gaussian.
+    spacing: f64,
+}
+
+impl Precision {
+    const FULL: Self = Self { entries: 256, share: 1, steps: 255.0, spacing: 0.0 };
+    /// Of a chunk of the finest level. Of la_fontaine in chunks of 2^14 Gaussians as coded at quality 50: 108 bits for each
+    /// instead of 276.
+    const FINEST: Self = Self { entries: 64, share: 8, steps: 64.0, spacing: 0.125 };
+    /// Of a chunk of a coarser level, which streams code with fewer bits too.
+    const COARSER: Self = Self { entries: 16, share: 8, steps: 24.0, spacing: 0.5 };
+}
+
+fn ordered(file: &Path, scene: &Scene, order: &[usize], precision: &Precision) -> Result<Files> {
     scene.check_shape()?;
     if scene.is_empty() {
         return Err(Error::unwritable(file, "the model is empty, and SOG has no empty images"));
@@ -91,28 +131,28 @@ pub fn files(file: impl AsRef<Path>, scene: &Scene) -> Result<Vec<(&'static str,
         let most = LONGEST * LONGEST;
         return Err(Error::unwritable(file, format!("SOG holds at most {most} Gaussians")));
     }
-    let order = morton_order(&scene.means);
     // The pixels of an image: one for each Gaussian; the rest repeats the last one, which takes few bits.
     let image = |pixel: &(dyn Fn(usize) -> Pixel + Sync)| {
         let mut pixels: Vec<Pixel> = order.par_iter().map(|&i| pixel(i)).collect();
         pixels.resize(width * height, pixels[pixels.len() - 1]);
         (width, pixels)
     };
-    let (bounds, steps) = positions(scene);
-    let scales = Codebook::of_each(&scene.log_scales);
+    let (bounds, steps) = positions(scene, precision.spacing);
+    let scales = Codebook::of_each(&scene.log_scales, precision.entries);
     let base = |i: usize| scene.sh_of(i)[0];
-    let colours = Codebook::of_each(&(0..scene.len()).map(base).collect::<Vec<_>>());
-    let palette = Palette::of(scene);
+    let colours =
+        Codebook::of_each(&(0..scene.len()).map(base).collect::<Vec<_>>(), precision.entries);
+    let palette = Palette::of(scene, precision);
     let mut images = vec![
         ("means_l.webp", image(&|i| opaque(steps[i].map(|step| step as u8)))),
         ("means_u.webp", image(&|i| opaque(steps[i].map(|step| (step >> 8) as u8)))),
-        ("quats.webp", image(&|i| rotation(scene.rotations[i]))),
+        ("quats.webp", image(&|i| rotation(scene.rotations[i], precision.steps))),
         ("scales.webp", image(&|i| opaque(scene.log_scales[i].map(|v| scales.index(v))))),
         (
             "sh0.webp",
             image(&|i| {
                 let [r, g, b] = base(i).map(|v| colours.index(v));
-                [r, g, b, opacity_byte(scene.opacity_logits[i])]
+                [r, g, b, coarse(opacity_byte(scene.opacity_logits[i]).into(), precision.steps)]
             }),
         ),
     ];
@@ -139,7 +179,7 @@ pub fn files(file: impl AsRef<Path>, scene: &Scene) -> Result<Vec<(&'static str,
         model: scene.antialiased.then_some("antialiased"),
         means: Means { mins: bounds[0], maxs: bounds[1], files: ["means_l.webp", "means_u.webp"] },
         scales: Indexed { codebook: scales.padded(), files: ["scales.webp"] },
-        quats: Files { files: ["quats.webp"] },
+        quats: Rotations { files: ["quats.webp"] },
         sh0: Indexed { codebook: colours.padded(), files: ["sh0.webp"] },
         sh_n,
     };
@@ -173,6 +213,11 @@ fn side(pixels: usize) -> usize {
     ((pixels as f64).sqrt().ceil() as usize).next_multiple_of(4)
 }
 
+/// A byte of so many steps.
+fn coarse(v: f64, steps: f64) -> u8 {
+    ((v * steps / 255.0).round() * 255.0 / steps).round() as u8
+}
+
 fn opaque([r, g, b]: [u8; 3]) -> Pixel {
     [r, g, b, 255]
 }
@@ -183,14 +228,32 @@ fn log(v: f32) -> f64 {
 }
 
 /// Least and greatest logarithms of the means, and of each mean the steps between them.
-fn positions(scene: &Scene) -> ([[f64; 3]; 2], Vec<[u16; 3]>) {
-    let [low, high] = scene.bounds().map(|bound| bound.map(log));
+fn positions(scene: &Scene, spacing: f64) -> ([[f64; 3]; 2], Vec<[u16; 3]>) {
+    let bounds = scene.bounds();
+    let [low, high] = bounds.map(|bound| bound.map(log));
+    let wanted = spacing * small(scene);
+    // So many steps become one. Wider bounds would do the same, but engines sort by the bounds.
+    let whole: [f64; 3] = std::array::from_fn(|k| {
+        let farthest = f64::from(bounds[0][k].abs().max(bounds[1][k].abs()));
+        let least = (high[k] - low[k]) / STEPS * (1.0 + farthest);
+        let mut powers = (0..=MOST_POWERS).rev().map(|power| f64::from(1u16 << power));
+        powers.find(|n| n * least <= wanted).unwrap_or(1.0)
+    });
     let step = |k: usize, v: f32| {
         let part = if high[k] > low[k] { (log(v) - low[k]) / (high[k] - low[k]) } else { 0.0 };
-        (STEPS * part).round() as u16
+        ((STEPS * part / whole[k]).round() * whole[k]).min(STEPS) as u16
     };
     let of = |mean: &[f32; 3]| std::array::from_fn(|k| step(k, mean[k]));
     ([low, high], scene.means.par_iter().map(of).collect())
+}
+
+/// The size of a small Gaussian: a tenth of all are smaller.
+fn small(scene: &Scene) -> f64 {
+    let largest = |s: &[f32; 3]| s[0].max(s[1]).max(s[2]);
+    let mut sizes: Vec<f32> = scene.log_scales.iter().map(largest).collect();
+    let (_, &mut size, _) = sizes.select_nth_unstable_by(scene.len() / 10, f32::total_cmp);
+    // No finite f32 is larger than e^88.
+    libm::exp(f64::from(size).min(88.0))
 }
 
 /// The largest step of the position of each Gaussian. Steps grow with the distance from the planes of the axes.
@@ -201,9 +264,9 @@ pub(super) fn steps(scene: &Scene) -> Vec<f64> {
     scene.means.iter().map(|mean| (0..3).map(|k| step(mean, k)).fold(0.0, f64::max)).collect()
 }
 
-fn rotation(q: [f32; 4]) -> Pixel {
+fn rotation(q: [f32; 4], steps: f64) -> Pixel {
     let (largest, others) = smallest_three(unit(q));
-    let byte = |v: f64| (255.0 * (v * std::f64::consts::FRAC_1_SQRT_2 + 0.5)).round() as u8;
+    let byte = |v: f64| coarse(255.0 * (v * std::f64::consts::FRAC_1_SQRT_2 + 0.5), steps);
     let [a, b, c] = others.map(byte);
     [a, b, c, LARGEST + largest as u8]
 }
