@@ -291,7 +291,8 @@ impl OutputFolder {
         Ok(Self { path: path.into(), waiting, _lock: lock, files: Vec::new() })
     }
 
-    /// Writes a file of this name, which must not be one of the `inputs`. Returns its length.
+    /// Writes a file of this name, in a folder of its own if that has a `/`; it must not be one of the `inputs`. Returns
+    /// its length.
     pub(crate) fn write<P: AsRef<Path>>(
         &mut self,
         name: &str,
@@ -305,21 +306,31 @@ impl OutputFolder {
         // The ledger is locked, so that no file is added while an interruption empties the folder.
         let created = {
             let _ledger = ledger();
-            File::create(&waits)
+            std::fs::create_dir_all(parent(&waits)).and_then(|()| File::create(&waits))
         };
         let mut file = created.map_err(failed)?;
         self.files.push((waits, target));
-        let bytes = WatchedFile::fill(&mut file, &name, fill)?;
-        file.sync_all().map_err(failed)?;
-        Ok(bytes)
+        WatchedFile::fill(&mut file, &name, fill)
+    }
+
+    /// Files that are written.
+    pub(crate) fn len(&self) -> usize {
+        self.files.len()
     }
 
     /// Gives all files their names.
     pub(crate) fn put_in_place(mut self) -> Result<()> {
+        let failed = |to: &Path, e| not_written(&to.display().to_string(), e);
+        // All at the end: the first one takes most of the others to the disk.
+        for (from, to) in &self.files {
+            let file = File::options().write(true).open(from);
+            file.and_then(|file| file.sync_all()).map_err(|e| failed(to, e))?;
+        }
         let mut ledger = ledger();
         for (from, to) in self.files.drain(..) {
-            let renamed = std::fs::rename(from, &to);
-            renamed.map_err(|e| not_written(&to.display().to_string(), e))?;
+            let renamed =
+                std::fs::create_dir_all(parent(&to)).and_then(|()| std::fs::rename(from, &to));
+            renamed.map_err(|e| failed(&to, e))?;
         }
         ledger.completed(&self.path.display().to_string());
         Ok(())

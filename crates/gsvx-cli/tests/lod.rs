@@ -1,4 +1,4 @@
-//! `gsvx lod`: the folder that PlayCanvas streams.
+//! `gsvx lod`: the folders that PlayCanvas and CesiumJS stream.
 
 mod common;
 
@@ -29,6 +29,20 @@ fn at_level(stream: &[u8], lod: u8) -> Scene {
     gsvx::decode_with(stream, &options).unwrap().scene
 }
 
+/// The places in a tree, whose nodes have two children or none, within their bounds.
+fn places(node: &Value) -> Vec<&Value> {
+    let Some(children) = node["children"].as_array() else { return vec![node] };
+    let corner = |node: &Value, end: &str, k: usize| node["bound"][end][k].as_f64().unwrap();
+    for child in children {
+        for k in 0..3 {
+            assert!(corner(node, "min", k) <= corner(child, "min", k));
+            assert!(corner(node, "max", k) >= corner(child, "max", k));
+        }
+    }
+    assert_eq!(children.len(), 2);
+    children.iter().flat_map(places).collect()
+}
+
 /// The file and the range of its Gaussians that show a place at a level; none if nothing does.
 fn shown<'a>(list: &'a Value, place: &'a Value, lod: u8) -> (&'a str, usize, usize) {
     let entry = &place["lods"][lod.to_string()];
@@ -44,7 +58,7 @@ fn the_places_show_the_whole_scene_at_every_level() {
     let said = json("lod @ -o @", &[&input, &web]);
     let read = |name: &str| std::fs::read(web.join(name)).unwrap();
     let list: Value = serde_json::from_slice(&read("lod-meta.json")).unwrap();
-    let places = list["tree"]["children"].as_array().unwrap();
+    let places = places(&list["tree"]);
     let levels = list["lodLevels"].as_u64().unwrap() as u8;
     assert!(levels >= 3 && places.len() > 30, "{levels} levels, {} places", places.len());
     assert_eq!(said["places"], places.len());
@@ -54,7 +68,7 @@ fn the_places_show_the_whole_scene_at_every_level() {
     assert_eq!(exact.means, [[3e9, 0.0, 0.0]]);
     for lod in 0..levels {
         let mut scene = Scene::default();
-        for place in places {
+        for place in &places {
             let (file, offset, count) = shown(&list, place, lod);
             let part = gsvx::decode(&read(file)).unwrap();
             let indices: Vec<usize> = (offset..offset + count).collect();
@@ -70,6 +84,84 @@ fn the_places_show_the_whole_scene_at_every_level() {
             assert_eq!(scene.sh, wanted.sh[..leaves * wanted.sh_len()]);
         }
     }
+}
+
+#[test]
+fn streamed_sog_has_the_same_places_and_errors_that_grow() {
+    let dir = Folder::new();
+    let (input, web, own) = (dir.join("room.gsvx"), dir.join("sog"), dir.join("web"));
+    stream(&input, true);
+    let said = json("lod @ -o @ --format sog", &[&input, &web]);
+    ok("lod @ -o @", &[&input, &own]);
+    let read = |folder: &Path| -> Value {
+        serde_json::from_slice(&std::fs::read(folder.join("lod-meta.json")).unwrap()).unwrap()
+    };
+    let (list, streams) = (read(&web), read(&own));
+    // Only the names of files differ.
+    assert_eq!(list["tree"], streams["tree"]);
+    let levels = list["lodLevels"].as_u64().unwrap() as usize;
+    let model =
+        |name: &str| gs_model::model::read(web.join(name), &ReadOptions::default()).unwrap().0;
+    let files: Vec<&str> =
+        list["filenames"].as_array().unwrap().iter().map(|name| name.as_str().unwrap()).collect();
+    let mut shown = vec![0; files.len()];
+    let mut counts = vec![0; levels];
+    for place in places(&list["tree"]) {
+        let errors: Vec<f64> =
+            place["errors"].as_array().unwrap().iter().map(|e| e.as_f64().unwrap()).collect();
+        assert!(errors.len() == levels && errors[0] == 0.0 && errors[levels - 1] > 0.01);
+        assert!(errors.is_sorted() && errors.iter().all(|e| e.is_finite()), "{errors:?}");
+        for (lod, run) in place["lods"].as_object().unwrap() {
+            let number = |key: &str| run[key].as_u64().unwrap() as usize;
+            // A chunk is the runs that name it, one after the other.
+            assert_eq!(number("offset"), shown[number("file")]);
+            shown[number("file")] += number("count");
+            counts[lod.parse::<usize>().unwrap()] += number("count");
+        }
+    }
+    assert_eq!(list["counts"], serde_json::json!(counts));
+    for (name, &count) in files.iter().zip(&shown) {
+        let stream = own.join(name.replace("/meta.json", ".gsvx"));
+        let coded = gsvx::decode(&std::fs::read(stream).unwrap()).unwrap();
+        let (chunk, [low, high]) = (model(name), coded.bounds());
+        assert_eq!(chunk.len(), count);
+        let side = (0..3).map(|k| high[k] - low[k]).fold(0.0, f32::max);
+        for (a, b) in chunk.means.iter().zip(&coded.means) {
+            assert!((0..3).all(|k| (a[k] - b[k]).abs() < 0.01 * side), "{a:?} {b:?}");
+        }
+    }
+    let exact = model(list["environment"].as_str().unwrap());
+    assert!((exact.means[0][0] / 3e9 - 1.0).abs() < 1e-3);
+    let bytes: u64 = bytes_in(&web) - std::fs::metadata(web.join("lod-meta.json")).unwrap().len();
+    assert_eq!(said["bytes"], bytes);
+}
+
+/// Bytes of all files in a folder and its folders.
+fn bytes_in(folder: &Path) -> u64 {
+    let entries = std::fs::read_dir(folder).unwrap().map(Result::unwrap);
+    let size = |entry: std::fs::DirEntry| match entry.metadata().unwrap() {
+        data if data.is_dir() => bytes_in(&entry.path()),
+        data => data.len(),
+    };
+    entries.map(size).sum()
+}
+
+#[test]
+fn one_gaussian_without_view_dependence_is_a_streamed_sog() {
+    let dir = Folder::new();
+    let (input, web) = (dir.join("one.gsvx"), dir.join("web"));
+    let (scene, _) = gs_model::ply::read(common::model()).unwrap();
+    let mut one = Scene { origin: [5e5, 4e6, 100.0], ..scene.select(&[0]) };
+    one.cut_sh(0);
+    let stream = gsvx::encode(&one, None, 50.0, &gsvx::EncodeOptions::default()).unwrap();
+    std::fs::write(&input, stream.bytes).unwrap();
+    let (said, heard) = report("lod @ -o @ --format sog", &[&input, &web]);
+    assert_eq!((said["places"].as_u64(), said["levels"].as_u64()), (Some(1), Some(1)));
+    assert!(heard.contains("relative to the origin (500000, 4000000, 100)"), "{heard}");
+    // The folder holds something now, and a file is no folder.
+    one_line(&run("lod @ -o @ --format sog", &[&input, &web]), "--force");
+    ok("lod @ -o @ --format sog --force", &[&input, &web]);
+    one_line(&run("lod @ -o @ --format sog", &[&input, &input]), "is a file; name a folder");
 }
 
 /// The SPZ in a `.glb`, and what its accessors say of the number of Gaussians.
@@ -183,7 +275,7 @@ fn a_folder_is_whole_or_not_there() {
     chunked(&input, 20, true);
     let bytes = std::fs::read(&input).unwrap();
     std::fs::write(&cut, &bytes[..bytes.len() - 1]).unwrap();
-    for format in ["playcanvas", "3dtiles"] {
+    for format in ["playcanvas", "sog", "3dtiles"] {
         let words = format!("lod @ -o @ --format {format}");
         failed(&run(&words, &[&cut, &web]), "truncated");
         assert!(!web.exists(), "{format}");

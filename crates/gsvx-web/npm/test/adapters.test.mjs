@@ -1,7 +1,7 @@
 // The adapters in Chromium: pictures beside those of `gsvx render`, failures, and what is left behind.
 import assert from 'node:assert/strict';
-import { readFileSync, statSync, writeFileSync } from 'node:fs';
-import { basename, join } from 'node:path';
+import { readFileSync, writeFileSync } from 'node:fs';
+import { join } from 'node:path';
 import { afterEach, test } from 'node:test';
 import { CAMERA, alike, browser, closePages, folder, gsvx, missing, nearing, pictures, psnr, rooms, server, setUp } from './browser.mjs';
 
@@ -122,29 +122,46 @@ test('three: without its cut-off and its dimming the picture is that of gsvx ren
   await page.close();
 });
 
-test('playcanvas: the folder of gsvx lod streams within a budget, near places fine', { skip }, async () => {
-  const rooms = join(folder, 'rooms.gsvx');
-  gsvx('lod', rooms, '-o', join(folder, 'tree'));
-  gsvx('render', rooms, '--cameras', join(folder, 'cameras.json'), '-o', join(folder, 'rooms.png'));
-  const first = readFileSync(join(folder, 'rooms.png'));
-  const look = async (name, options, least) => {
-    const from = server.log.length;
-    const page = await open('playcanvas', 'tree/lod-meta.json', { options });
-    const state = await settled(page);
-    assert.equal(state.failed, undefined, JSON.stringify(state.failed));
-    const got = await nearing(page, () => shot(page, `playcanvas-${name}`), first, least);
-    const files = server.log.slice(from).map((r) => basename(r.path)).filter((file) => file.endsWith('.gsvx'));
-    const bytes = files.reduce((sum, file) => sum + statSync(join(folder, 'tree', file)).size, 0);
-    console.log(`playcanvas, ${name}: ${got.toFixed(2)} dB, ${bytes} bytes of ${files.sort()}`);
-    assert.ok(got >= least, `${name}: ${got} dB`);
-    await page.close();
-    return { fine: files.filter((file) => file.startsWith('0-')).length, bytes };
-  };
-  const all = await look('all', {}, 33);
-  assert.equal(all.fine, 4);
-  // The camera is in the first of six rooms in a row, whose walls hide the others.
-  const near = await look('near', { budget: 25000 }, 33);
-  assert.ok(near.fine < 3 && near.bytes < 0.6 * all.bytes, `${near.bytes} of ${all.bytes} bytes`);
-  const coarse = await look('coarse', { budget: 7000 }, 14);
-  assert.ok(coarse.fine === 0 && coarse.bytes < 0.1 * all.bytes, `${coarse.bytes} of ${all.bytes} bytes`);
+test('playcanvas alone: a SOG that gsvx convert writes looks as gsvx render shows it', { skip }, async () => {
+  const sog = join(folder, 'room.sog');
+  gsvx('convert', join(process.env.GSVX_ROOT, 'fixtures/room/point_cloud.ply'), sog);
+  gsvx('render', sog, '--cameras', join(folder, 'cameras.json'), '-o', join(folder, 'sog.png'));
+  const page = await open('playcanvas', 'room.sog', { options: { stock: true } });
+  assert.equal((await settled(page)).failed, undefined);
+  const got = await nearing(page, () => shot(page, 'playcanvas-sog'), readFileSync(join(folder, 'sog.png')), 33);
+  console.log(`playcanvas alone, SOG: ${got.toFixed(2)} dB`);
+  assert.ok(got >= 33, `${got} dB`);
+  assert.deepEqual(page.problems, []);
+  await page.close();
 });
+
+for (const [format, stock] of [['playcanvas', false], ['sog', true]]) {
+  test(`playcanvas: the folder of gsvx lod --format ${format} streams within a budget, near places fine`, { skip }, async () => {
+    const [rooms, tree] = [join(folder, 'rooms.gsvx'), `tree-${format}`];
+    gsvx('lod', rooms, '-o', join(folder, tree), '--format', format);
+    gsvx('render', rooms, '--cameras', join(folder, 'cameras.json'), '-o', join(folder, 'rooms.png'));
+    const first = readFileSync(join(folder, 'rooms.png'));
+    const look = async (name, options, least) => {
+      const from = server.log.length;
+      const page = await open('playcanvas', `${tree}/lod-meta.json`, { options: { ...options, stock } });
+      const state = await settled(page);
+      assert.equal(state.failed, undefined, JSON.stringify(state.failed));
+      const got = await nearing(page, () => shot(page, `playcanvas-${format}-${name}`), first, least);
+      const answers = server.log.slice(from).filter(({ path }) => path.startsWith(`/data/${tree}/`));
+      const bytes = answers.reduce((sum, answer) => sum + answer.bytes, 0);
+      const fine = answers.filter(({ path }) => /\/0-\d+(\.gsvx|\/meta\.json)$/.test(path)).length;
+      console.log(`playcanvas, ${format}, ${name}: ${got.toFixed(2)} dB, ${bytes} bytes in ${answers.length} files, ${fine} places fine`);
+      assert.ok(got >= least, `${name}: ${got} dB`);
+      assert.deepEqual(page.problems, []);
+      await page.close();
+      return { fine, bytes };
+    };
+    const all = await look('all', {}, 33);
+    assert.equal(all.fine, 4);
+    // The camera is in the first of six rooms in a row, whose walls hide the others.
+    const near = await look('near', { budget: 25000 }, 33);
+    assert.ok(near.fine < 3 && near.bytes < 0.6 * all.bytes, `${near.bytes} of ${all.bytes} bytes`);
+    const coarse = await look('coarse', { budget: 7000 }, 14);
+    assert.ok(coarse.fine === 0 && coarse.bytes < 0.1 * all.bytes, `${coarse.bytes} of ${all.bytes} bytes`);
+  });
+}

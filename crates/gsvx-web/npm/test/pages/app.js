@@ -3,7 +3,7 @@ export async function started(pc, canvas, width, height) {
   const options = new pc.AppOptions();
   options.graphicsDevice = await pc.createGraphicsDevice(canvas, { deviceTypes: ['webgl2'], antialias: false, preserveDrawingBuffer: true });
   options.componentSystems = [pc.CameraComponentSystem, pc.GSplatComponentSystem];
-  options.resourceHandlers = [pc.GSplatHandler];
+  options.resourceHandlers = [pc.GSplatHandler, pc.TextureHandler];
   const app = new pc.AppBase(canvas);
   app.init(options);
   app.setCanvasFillMode(pc.FILLMODE_NONE, width, height);
