@@ -81,7 +81,7 @@ fn views([low, high]: [DVec3; 2], finest: &Scene) -> Vec<RenderView> {
     let axes = math::rotation(TURNED);
     let axis = |k: usize| DVec3::from_array([0, 1, 2].map(|row: usize| axes[row][k]));
     let view = |i: usize| {
-        let side = if i % 2 == 0 { distance } else { -distance };
+        let side = if i.is_multiple_of(2) { distance } else { -distance };
         let (eye, up) = (middle + side * axis(i / 2), axis((i / 2 + 1) % 3));
         let camera = Camera::looking_at(
             String::new(),
@@ -178,7 +178,7 @@ mod tests {
     fn what_shows_nothing_has_a_defined_error() {
         let (one, none) = (gaussians(1), Scene::default());
         assert_eq!(level_errors(&[], [[0.0; 3]; 2]), [0.0; 0]);
-        assert_eq!(errors(&[one.clone()]), [0.0]);
+        assert_eq!(errors(std::slice::from_ref(&one)), [0.0]);
         assert_eq!(level_errors(&[none.clone(), none.clone()], one.extent()), [0.0, 0.0]);
         assert_eq!(level_errors(&[none, one.clone()], one.extent()), [0.0, 1.0]);
     }
