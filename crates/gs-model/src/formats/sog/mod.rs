@@ -14,6 +14,7 @@ mod decoder;
 mod members;
 mod meta;
 mod palette;
+mod precision;
 mod prefix;
 mod texture;
 mod webp;

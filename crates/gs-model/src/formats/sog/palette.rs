@@ -3,8 +3,8 @@
 use rayon::prelude::*;
 
 use super::decoder::PALETTE_ROW;
+use super::precision::Precision;
 use super::webp::Pixel;
-use super::write::Precision;
 use crate::scene::Scene;
 
 /// Entries of a codebook.

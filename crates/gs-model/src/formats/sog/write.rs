@@ -11,6 +11,7 @@ use zip::{CompressionMethod, ZipWriter};
 use super::decoder::{LARGEST, PALETTE_ROW};
 use super::members::META;
 use super::palette::{Codebook, Palette};
+use super::precision::Precision;
 use super::webp::{self, Pixel};
 use crate::error::{Error, Result};
 use crate::formats::splat::opacity_byte;
@@ -92,27 +93,6 @@ pub fn files_of_chunk(file: impl AsRef<Path>, scene: &Scene, lod: u8) -> Result<
     let order: Vec<usize> = (0..scene.len()).collect();
     let precision = if lod == 0 { Precision::FINEST } else { Precision::COARSER };
     ordered(file.as_ref(), scene, &order, &precision)
-}
-
-/// How finely numbers are written.
-pub(super) struct Precision {
-    /// Most numbers in a codebook.
-    pub(super) entries: usize,
-    /// Gaussians for each entry of the palette, or up to twice as many.
-    pub(super) share: usize,
-    /// Steps of a byte of a rotation or an opacity, an even number.
-    steps: f64,
-    /// The least step of positions, in sizes of a small Gaussian.
-    spacing: f64,
-}
-
-impl Precision {
-    const FULL: Self = Self { entries: 256, share: 1, steps: 255.0, spacing: 0.0 };
-    /// Of a chunk of the finest level. Of la_fontaine in chunks of 2^14 Gaussians as coded at quality 50: 108 bits for each
-    /// instead of 276.
-    const FINEST: Self = Self { entries: 64, share: 8, steps: 64.0, spacing: 0.125 };
-    /// Of a chunk of a coarser level, which streams code with fewer bits too.
-    const COARSER: Self = Self { entries: 16, share: 8, steps: 24.0, spacing: 0.5 };
 }
 
 fn ordered(file: &Path, scene: &Scene, order: &[usize], precision: &Precision) -> Result<Files> {
