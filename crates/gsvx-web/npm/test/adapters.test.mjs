@@ -135,31 +135,32 @@ test('playcanvas alone: a SOG that gsvx convert writes looks as gsvx render show
   await page.close();
 });
 
-for (const [format, stock] of [['playcanvas', false], ['sog', true]]) {
+// SOG is coarser than the streams that it is made from.
+for (const [format, stock, least] of [['playcanvas', false, 33], ['sog', true, 31]]) {
   test(`playcanvas: the folder of gsvx lod --format ${format} streams within a budget, near places fine`, { skip }, async () => {
     const [rooms, tree] = [join(folder, 'rooms.gsvx'), `tree-${format}`];
     gsvx('lod', rooms, '-o', join(folder, tree), '--format', format);
-    gsvx('render', rooms, '--cameras', join(folder, 'cameras.json'), '-o', join(folder, 'rooms.png'));
-    const first = readFileSync(join(folder, 'rooms.png'));
-    const look = async (name, options, least) => {
+    gsvx('render', rooms, '--cameras', join(folder, 'cameras.json'), '-o', join(folder, `${tree}.png`));
+    const first = readFileSync(join(folder, `${tree}.png`));
+    const look = async (name, options, wanted) => {
       const from = server.log.length;
       const page = await open('playcanvas', `${tree}/lod-meta.json`, { options: { ...options, stock } });
       const state = await settled(page);
       assert.equal(state.failed, undefined, JSON.stringify(state.failed));
-      const got = await nearing(page, () => shot(page, `playcanvas-${format}-${name}`), first, least);
+      const got = await nearing(page, () => shot(page, `playcanvas-${format}-${name}`), first, wanted);
       const answers = server.log.slice(from).filter(({ path }) => path.startsWith(`/data/${tree}/`));
       const bytes = answers.reduce((sum, answer) => sum + answer.bytes, 0);
       const fine = answers.filter(({ path }) => /\/0-\d+(\.gsvx|\/meta\.json)$/.test(path)).length;
       console.log(`playcanvas, ${format}, ${name}: ${got.toFixed(2)} dB, ${bytes} bytes in ${answers.length} files, ${fine} places fine`);
-      assert.ok(got >= least, `${name}: ${got} dB`);
+      assert.ok(got >= wanted, `${name}: ${got} dB`);
       assert.deepEqual(page.problems, []);
       await page.close();
       return { fine, bytes };
     };
-    const all = await look('all', {}, 33);
+    const all = await look('all', {}, least);
     assert.equal(all.fine, 4);
     // The camera is in the first of six rooms in a row, whose walls hide the others.
-    const near = await look('near', { budget: 25000 }, 33);
+    const near = await look('near', { budget: 25000 }, least);
     assert.ok(near.fine < 3 && near.bytes < 0.6 * all.bytes, `${near.bytes} of ${all.bytes} bytes`);
     const coarse = await look('coarse', { budget: 7000 }, 14);
     assert.ok(coarse.fine === 0 && coarse.bytes < 0.1 * all.bytes, `${coarse.bytes} of ${all.bytes} bytes`);
