@@ -18,7 +18,7 @@ try:
     import bpy
     import mathutils
 except ImportError as missing:
-    say_skipped(f"bpy cannot be imported ({missing}): pip install 'bpy==4.5.*' in Python 3.11")
+    say_skipped(f"bpy cannot be imported ({missing}): pip install 'bpy==5.0.*' in Python 3.11")
 
 FOLDER = REPOSITORY / "crates" / "gsvx-py" / "integrations" / "blender"
 STREAMS = REPOSITORY / "fixtures" / "streams"
