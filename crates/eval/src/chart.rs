@@ -84,6 +84,9 @@ impl Ranged for Placed {
 
 impl ValueFormatter<f64> for Placed {
     fn format_ext(&self, value: &f64) -> String {
+        if self.log && *value < 1e-3 {
+            return format!("{value:.0e}");
+        }
         // Enough digits to tell ticks apart.
         let step = if self.log { 0.1 * value.abs() } else { (self.ends.1 - self.ends.0) / 50.0 };
         let decimals = (-step.log10()).ceil().clamp(0.0, 9.0) as usize;
@@ -123,6 +126,8 @@ pub(crate) enum LineKind {
     Theirs,
     /// Published, of another training: thin and dashed.
     Published,
+    /// Ways that do not follow from one another: marks without a line.
+    Marks,
 }
 
 /// One line.
@@ -140,6 +145,11 @@ impl Series {
     /// A line of what was measured here.
     pub(crate) fn ours(name: impl Into<String>, points: Vec<(f64, f64)>) -> Self {
         Self { name: name.into(), kind: LineKind::Ours, points }
+    }
+
+    /// Marks without a line.
+    pub(crate) fn marks(name: impl Into<String>, points: Vec<(f64, f64)>) -> Self {
+        Self { name: name.into(), kind: LineKind::Marks, points }
     }
 }
 
@@ -261,6 +271,7 @@ impl Chart {
                     LineKind::Ours => path(area, line, 3, colour(i))?,
                     LineKind::Theirs => path(area, line, 1, colour(i))?,
                     LineKind::Published => dashed(area, line, 1, colour(i))?,
+                    LineKind::Marks => (),
                 }
             }
             line.iter().chain([&(38, legend(i))]).try_for_each(|p| mark(area, i, *p))?;
@@ -332,6 +343,7 @@ pub(crate) mod tests {
         assert_eq!(numbers(&linear, &[26.1, 31.9]), ["26", "27", "28", "29", "30", "31", "32"]);
         assert_eq!(numbers(&log, &[0.16, 4.5]), ["0.2", "0.5", "1", "2", "5"]);
         assert_eq!(numbers(&log, &[0.0241, 0.0254]).len(), 7);
+        assert_eq!(numbers(&log, &[2e-6, 2.0]), ["1e-5", "1e-4", "0.001", "0.01", "0.1", "1"]);
         for values in [vec![], vec![3.0], vec![1e-4, 1e5]] {
             let n = [&linear, &log].map(|axis| numbers(axis, &values).len());
             assert!(n.iter().all(|n| (1..16).contains(n)), "{values:?}: {n:?}");

@@ -99,7 +99,6 @@ impl Bench<'_> {
         self.gsvx.make(command.arg(self.model), &stream)?;
         for (words, buys) in [
             ("--lod=255", "the coarsest level: a first picture"),
-            ("--lod=1", "the finest level below the whole"),
             ("--max-sh-degree=0", "all Gaussians, no view dependence"),
             ("--max-sh-degree=1", "SH of degree 1"),
             ("--max-sh-degree=2", "SH of degree 2"),

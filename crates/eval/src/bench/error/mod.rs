@@ -58,7 +58,7 @@ pub fn run(options: &ErrorOptions) -> Result<()> {
 }
 
 fn series<'a>(families: impl IntoIterator<Item = &'a Family>) -> Vec<Series> {
-    families.into_iter().map(|f| Series::ours(f.heading, f.points.clone())).collect()
+    families.into_iter().map(|f| Series::marks(f.heading, f.points.clone())).collect()
 }
 
 /// Ways to do one thing.
