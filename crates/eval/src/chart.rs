@@ -126,7 +126,7 @@ pub(crate) enum LineKind {
     Theirs,
     /// Published, of another training: thin and dashed.
     Published,
-    /// Ways that do not follow from one another: marks without a line.
+    /// Alternatives, in no order: marks without a line.
     Marks,
 }
 

@@ -16,8 +16,6 @@ use rayon::prelude::*;
 const EDGES: [f64; 2] = [64.0, 256.0];
 /// Pixels of a picture for each standard deviation of a small Gaussian of the finest version.
 const PIXELS: f64 = 2.0;
-/// The share of Gaussians that are smaller than a small one.
-const SMALL: f64 = 0.1;
 /// Distance of the cameras, in radii of the part: they hardly see perspective.
 const DISTANCE: f64 = 200.0;
 /// The least distance, in units of the scene: nothing nearer than 0.2 is drawn.
@@ -98,10 +96,7 @@ fn views([low, high]: [DVec3; 2], finest: &Scene) -> Vec<RenderView> {
 
 /// The edge of pictures of a part of this size, a whole number of tiles.
 fn edge(size: f64, finest: &Scene) -> u32 {
-    let largest = |s: &[f32; 3]| s[0].max(s[1]).max(s[2]);
-    let mut sizes: Vec<f32> = finest.log_scales.iter().map(largest).collect();
-    sizes.sort_unstable_by(f32::total_cmp);
-    let small = sizes.get((SMALL * sizes.len() as f64) as usize).map_or(0.0, |&s| f64::from(s));
+    let small = finest.small_log_scale().map_or(0.0, f64::from);
     let wanted = PIXELS * size / libm::exp(small);
     (wanted.clamp(EDGES[0], EDGES[1]) as u32).next_multiple_of(TILE)
 }

@@ -87,7 +87,7 @@ pub use frustum::{MOST as MOST_CAMERAS, that_see};
 pub use gpu::{Adapter, DeviceOptimiser};
 pub use image::{Image, Photo};
 pub use level_errors::level_errors;
-pub use likeness::{Likeness, LossEstimate, LossViews, Outlook, doubted_loss, estimate_loss};
+pub use likeness::{Likeness, LossEstimate, LossViews, Viewpoint, doubted_loss, estimate_loss};
 pub use options::{LearningRates, Loss, MAX_EDGE, Profile, RenderOptions};
 pub use photo_check::PhotoCheck;
 pub use references::References;

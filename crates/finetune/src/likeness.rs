@@ -47,12 +47,12 @@ pub struct LossEstimate {
     /// At views that depend on the model alone; `None` if nothing shows in them.
     pub around: Option<Likeness>,
     /// From where the greatest difference in all these views is seen, in the middle of the view.
-    pub worst: Option<Outlook>,
+    pub worst: Option<Viewpoint>,
 }
 
 /// A place to look from, and where to.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Outlook {
+pub struct Viewpoint {
     /// The place.
     pub eye: [f64; 3],
     /// The direction.
@@ -105,7 +105,7 @@ impl LossViews {
         let mut worst = Worst::default();
         let around = likeness(&self.around, version, &mut worst, &mut step)?;
         let at_cameras = likeness(&self.at_cameras, version, &mut worst, &mut step)?;
-        Ok(LossEstimate { at_cameras, around, worst: worst.outlook })
+        Ok(LossEstimate { at_cameras, around, worst: worst.viewpoint })
     }
 }
 
@@ -180,7 +180,7 @@ impl Picture {
 #[derive(Default)]
 struct Worst {
     squared_error: f64,
-    outlook: Option<Outlook>,
+    viewpoint: Option<Viewpoint>,
 }
 
 /// Side of a square whose difference is compared with that of others, pixels.
@@ -189,13 +189,18 @@ const SQUARE: usize = 32;
 impl Worst {
     /// Compares the squares of a picture.
     fn look(&mut self, Picture { camera, image }: &Picture, shown: &Image) {
-        let (width, height) = (image.width as usize, image.height as usize);
-        let across = width.div_ceil(SQUARE);
-        let mut squares = vec![0.0; across * height.div_ceil(SQUARE)];
-        for (i, (a, b)) in image.rgb.iter().zip(&shown.rgb).enumerate() {
-            let difference = f64::from(a.clamp(0.0, 1.0) - b.clamp(0.0, 1.0));
-            let [x, y] = [i / 3 % width, i / 3 / width];
-            squares[y / SQUARE * across + x / SQUARE] += difference * difference;
+        let across = image.width.div_ceil(SQUARE as u32) as usize;
+        let down = image.height.div_ceil(SQUARE as u32) as usize;
+        let mut squares = vec![0.0; across * down];
+        let row = 3 * image.width.max(1) as usize;
+        let rows = image.rgb.chunks_exact(row).zip(shown.rgb.chunks_exact(row)).enumerate();
+        for (y, (a, b)) in rows {
+            let parts = a.chunks(3 * SQUARE).zip(b.chunks(3 * SQUARE));
+            for (sum, (a, b)) in squares[y / SQUARE * across..].iter_mut().zip(parts) {
+                let difference = |(a, b): (&f32, &f32)| a.clamp(0.0, 1.0) - b.clamp(0.0, 1.0);
+                let part: f32 = a.iter().zip(b).map(difference).map(|d| d * d).sum();
+                *sum += f64::from(part);
+            }
         }
         for (i, squared_error) in squares.into_iter().enumerate() {
             if squared_error > self.squared_error {
@@ -204,7 +209,7 @@ impl Worst {
                 let seen = DVec3::new((x - cx) / fx, (y - cy) / fy, 1.0);
                 let ahead = (camera.rotation.transpose() * seen).normalize().into();
                 let eye = camera.position().into();
-                *self = Self { squared_error, outlook: Some(Outlook { eye, ahead }) };
+                *self = Self { squared_error, viewpoint: Some(Viewpoint { eye, ahead }) };
             }
         }
     }

@@ -1,6 +1,6 @@
 //! The estimate of a loss does not trust the cameras that chose what was kept.
 
-use finetune::{Likeness, Outlook, doubted_loss, estimate_loss};
+use finetune::{Likeness, Viewpoint, doubted_loss, estimate_loss};
 use glam::DVec3;
 use gs_model::{Camera, Scene};
 
@@ -22,7 +22,7 @@ fn a_loss_that_the_cameras_do_not_see_is_told() {
     assert!(at_cameras > around + 10.0, "{at_cameras} at the cameras, {around} around");
     assert_eq!(loss.worse(), loss.around);
     // What is lost is in the middle of the view.
-    let Outlook { eye, ahead } = loss.worst.unwrap();
+    let Viewpoint { eye, ahead } = loss.worst.unwrap();
     let [ahead, eye] = [ahead, eye].map(DVec3::from);
     let lost = scene.means[kept.len()..].iter().map(|m| DVec3::from(m.map(f64::from)) - eye);
     let angle = lost.map(|to| to.angle_between(ahead).to_degrees()).fold(f64::MAX, f64::min);

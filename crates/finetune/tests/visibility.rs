@@ -83,6 +83,19 @@ fn a_large_view_weighs_as_many_pixels_as_it_has() {
     }
 }
 
+// However large the one view is.
+#[test]
+fn a_small_gaussian_is_not_missed_between_samples() {
+    let mut scene = scene(400);
+    scene.log_scales.fill([-9.0; 3]);
+    scene.opacity_logits.fill(-2.0);
+    for size in [[250, 200], [500, 400], [4000, 3200]] {
+        let view = camera().scaled_to(size[0], size[1]).unwrap();
+        let unseen = Visibility::of_all(&scene, &[view]).unseen();
+        assert_eq!(unseen, 0, "{size:?}");
+    }
+}
+
 // The sum of squares of the difference between two renders is the definition. Where a Gaussian is opaque
 // enough to stop a pixel, the effect leaves out what lies beyond; none of these does.
 #[test]

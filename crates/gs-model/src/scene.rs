@@ -152,6 +152,15 @@ impl Scene {
         bounds_of(corners)
     }
 
+    /// The greatest log-scale of a small Gaussian: a tenth of all are smaller. `None` of an empty scene.
+    #[must_use]
+    pub fn small_log_scale(&self) -> Option<f32> {
+        let largest = |s: &[f32; 3]| s[0].max(s[1]).max(s[2]);
+        let mut sizes: Vec<f32> = self.log_scales.iter().map(largest).collect();
+        let tenth = sizes.len() / 10;
+        (!sizes.is_empty()).then(|| *sizes.select_nth_unstable_by(tenth, f32::total_cmp).1)
+    }
+
     /// The SH coefficients of Gaussian `i`, DC first; `sh_len()` RGB triples.
     #[must_use]
     pub fn sh_of(&self, i: usize) -> &[[f32; 3]] {

@@ -8,7 +8,7 @@
 /// quarter of its surface (Cauchy), here approximated by pi times the root mean square of the three
 /// products of scales (exact for spheres, 4 % large for needles, 15 % for discs). The root makes
 /// large Gaussians count for less, because they tend to be far away or hidden, which the formula
-/// does not know. Blending weights over training views, where cameras exist, know it.
+/// does not know. Where cameras exist, blending weights over training views do.
 ///
 /// Unit: the scene's unit of length. Input that is not finite gives 0.
 pub fn default_sensitivity(opacity: f32, log_scales: [f32; 3]) -> f32 {

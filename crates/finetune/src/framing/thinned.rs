@@ -8,7 +8,7 @@ use super::ring::{Placement, Ring};
 use crate::forward::render;
 use crate::image::Image;
 use crate::options::RenderOptions;
-use crate::visibility::WeightSums;
+use crate::visibility::{Colourless, WeightSums};
 
 /// Cameras on a circle during the search, and for the choice of an arc.
 pub(super) const FEW: u32 = 8;
@@ -22,6 +22,7 @@ const WHOLE: f64 = 0.8;
 /// A copy of a scene with fewer, larger Gaussians without view dependence, which is drawn quickly.
 pub(super) struct ThinnedScene {
     scene: Scene,
+    shapes: Colourless,
     weights: Vec<f64>,
     tangents: [f64; 2],
 }
@@ -64,7 +65,7 @@ impl ThinnedScene {
         let weights = weights(scene, weigh);
         let (base, chosen) = thinned(scene, MOST);
         let weights = chosen.iter().map(|&i| weights[i]).collect();
-        Self { scene: base, weights, tangents }
+        Self { shapes: Colourless::of(&base), scene: base, weights, tangents }
     }
 
     /// A small camera on a circle.
@@ -76,12 +77,12 @@ impl ThinnedScene {
 
     /// The share of the detail that one camera sees.
     pub(super) fn view(&self, ring: &Ring, turn: f64) -> f64 {
-        self.view_in(&mut WeightSums::new(&self.scene), ring, turn)
+        self.view_in(&mut WeightSums::default(), ring, turn)
     }
 
     fn view_in(&self, buffers: &mut WeightSums, ring: &Ring, turn: f64) -> f64 {
-        buffers.clear();
-        buffers.add(&self.camera(ring, turn));
+        buffers.start(self.scene.len());
+        buffers.add(&self.shapes, &self.camera(ring, turn));
         let seen = buffers.visibility.total.iter().zip(&self.weights);
         let sum: f64 = seen.map(|(&s, w)| w * (f64::from(s) / SEEN).min(1.0)).sum();
         sum / self.weights.iter().sum::<f64>().max(f64::MIN_POSITIVE)
@@ -90,8 +91,8 @@ impl ThinnedScene {
     /// The share of the detail that each of `n` cameras on a circle sees.
     fn views(&self, ring: &Ring, n: u32) -> Vec<f64> {
         let turns = (0..n).into_par_iter().map(|i| f64::from(i) / f64::from(n));
-        let buffers = || WeightSums::new(&self.scene);
-        turns.map_init(buffers, |buffers, turn| self.view_in(buffers, ring, turn)).collect()
+        let view = |buffers: &mut WeightSums, turn| self.view_in(buffers, ring, turn);
+        turns.map_init(WeightSums::default, view).collect()
     }
 
     /// How opaque the edges of a few pictures are, from 0 to 1.

@@ -5,7 +5,7 @@ use crate::output::{self, Output, is_stdio};
 use crate::report::Reporter;
 use crate::{content, doubts, encode, exit, input, loss, views};
 use anyhow::{Context, Result, anyhow, bail};
-use finetune::{LossViews, Outlook};
+use finetune::{LossViews, Viewpoint};
 use gs_model::{Camera, View};
 use gsvx::{Aim, DEFAULT_QUALITY};
 use indicatif::DecimalBytes;
@@ -152,7 +152,7 @@ impl StreamMaker {
         json["words"] = loss::human(&loss).into();
         json["worst"] = loss
             .worst
-            .map_or(Value::Null, |Outlook { eye, ahead }| json!({ "eye": eye, "ahead": ahead }));
+            .map_or(Value::Null, |Viewpoint { eye, ahead }| json!({ "eye": eye, "ahead": ahead }));
         Ok(Answer::of(json.to_string().into_bytes(), "application/json"))
     }
 

@@ -14,8 +14,8 @@ pub(super) struct Precision {
 
 impl Precision {
     pub(super) const FULL: Self = Self { entries: 256, share: 1, steps: 255.0, spacing: 0.0 };
-    /// Of a chunk of the finest level. Of la_fontaine in chunks of 2^14 Gaussians as coded at quality 50: 97 bits for each
-    /// instead of 263.
+    /// Of a chunk of the finest level. Of la_fontaine, coded at quality 50, `gsvx lod --format sog` writes 97 bits for each
+    /// Gaussian of it.
     pub(super) const FINEST: Self = Self { entries: 64, share: 8, steps: 64.0, spacing: 0.125 };
     /// Of a chunk of a coarser level, which streams code with fewer bits too.
     pub(super) const COARSER: Self = Self { entries: 16, share: 8, steps: 24.0, spacing: 0.5 };

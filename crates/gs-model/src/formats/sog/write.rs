@@ -21,7 +21,7 @@ use crate::scene::Scene;
 
 /// Steps between the bounds of the means.
 const STEPS: f64 = 65535.0;
-/// Up to two to this power of them become one.
+/// Means are rounded to at most two to this power of them.
 const MOST_POWERS: u8 = 10;
 /// Longest side of a WebP image.
 const LONGEST: usize = 16383;
@@ -193,7 +193,7 @@ fn side(pixels: usize) -> usize {
     ((pixels as f64).sqrt().ceil() as usize).next_multiple_of(4)
 }
 
-/// A byte of so many steps.
+/// A byte, rounded to one of `steps` + 1 evenly spaced ones.
 fn coarse(v: f64, steps: f64) -> u8 {
     ((v * steps / 255.0).round() * 255.0 / steps).round() as u8
 }
@@ -211,8 +211,10 @@ fn log(v: f32) -> f64 {
 fn positions(scene: &Scene, spacing: f64) -> ([[f64; 3]; 2], Vec<[u16; 3]>) {
     let bounds = scene.bounds();
     let [low, high] = bounds.map(|bound| bound.map(log));
-    let wanted = spacing * small(scene);
-    // So many steps become one. Wider bounds would do the same, but engines sort by the bounds.
+    // No finite f32 is larger than e^88.
+    let small = scene.small_log_scale().unwrap_or_default().min(88.0);
+    let wanted = spacing * libm::exp(small.into());
+    // So many steps the means are rounded to. Wider bounds would do the same, but engines sort by the bounds.
     let whole: [f64; 3] = std::array::from_fn(|k| {
         let farthest = f64::from(bounds[0][k].abs().max(bounds[1][k].abs()));
         let least = (high[k] - low[k]) / STEPS * (1.0 + farthest);
@@ -225,15 +227,6 @@ fn positions(scene: &Scene, spacing: f64) -> ([[f64; 3]; 2], Vec<[u16; 3]>) {
     };
     let of = |mean: &[f32; 3]| std::array::from_fn(|k| step(k, mean[k]));
     ([low, high], scene.means.par_iter().map(of).collect())
-}
-
-/// The size of a small Gaussian: a tenth of all are smaller.
-fn small(scene: &Scene) -> f64 {
-    let largest = |s: &[f32; 3]| s[0].max(s[1]).max(s[2]);
-    let mut sizes: Vec<f32> = scene.log_scales.iter().map(largest).collect();
-    let (_, &mut size, _) = sizes.select_nth_unstable_by(scene.len() / 10, f32::total_cmp);
-    // No finite f32 is larger than e^88.
-    libm::exp(f64::from(size).min(88.0))
 }
 
 /// The largest step of the position of each Gaussian. Steps grow with the distance from the planes of the axes.
