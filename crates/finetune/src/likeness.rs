@@ -102,7 +102,7 @@ impl LossViews {
         version: &Scene,
         mut step: impl FnMut() -> Result<(), E>,
     ) -> Result<LossEstimate, E> {
-        let mut worst = Worst::default();
+        let mut worst = WorstSquare::default();
         let around = likeness(&self.around, version, &mut worst, &mut step)?;
         let at_cameras = likeness(&self.at_cameras, version, &mut worst, &mut step)?;
         Ok(LossEstimate { at_cameras, around, worst: worst.viewpoint })
@@ -137,7 +137,7 @@ fn some_of(cameras: Option<&[Camera]>) -> Vec<Camera> {
 fn likeness<E>(
     pictures: &[Picture],
     version: &Scene,
-    worst: &mut Worst,
+    worst: &mut WorstSquare,
     step: &mut dyn FnMut() -> Result<(), E>,
 ) -> Result<Option<Likeness>, E> {
     let (mut squared_error, mut ssim, mut ssimulacra2, mut shows) = (0.0, 0.0, 0.0, false);
@@ -176,9 +176,9 @@ impl Picture {
     }
 }
 
-/// The greatest difference so far.
+/// The square with the greatest difference so far.
 #[derive(Default)]
-struct Worst {
+struct WorstSquare {
     squared_error: f64,
     viewpoint: Option<Viewpoint>,
 }
@@ -186,7 +186,7 @@ struct Worst {
 /// Side of a square whose difference is compared with that of others, pixels.
 const SQUARE: usize = 32;
 
-impl Worst {
+impl WorstSquare {
     /// Compares the squares of a picture.
     fn look(&mut self, Picture { camera, image }: &Picture, shown: &Image) {
         let across = image.width.div_ceil(SQUARE as u32) as usize;

@@ -47,7 +47,7 @@ impl Visibility {
         mut step: impl FnMut(usize) -> Result<(), E>,
     ) -> Result<Self, E> {
         let (chosen, each) = that_see(scene, cameras);
-        let (shapes, mut sum) = (Colourless::of(scene), WeightSums::default());
+        let (shapes, mut sum) = (ColourlessScene::of(scene), WeightSums::default());
         sum.start(scene.len());
         for (i, camera) in chosen.iter().enumerate() {
             sum.add(&shapes, camera);
@@ -84,7 +84,7 @@ impl Visibility {
     /// ```
     #[must_use]
     pub fn of_all(scene: &Scene, cameras: &[Camera]) -> Self {
-        let (shapes, mut sum) = (Colourless::of(scene), WeightSums::default());
+        let (shapes, mut sum) = (ColourlessScene::of(scene), WeightSums::default());
         sum.start(scene.len());
         cameras.iter().for_each(|camera| sum.add(&shapes, camera));
         sum.visibility
@@ -114,13 +114,13 @@ impl Visibility {
 }
 
 /// A scene without colours, along a Morton curve: what lies beside a view is skipped in groups.
-pub(crate) struct Colourless {
+pub(crate) struct ColourlessScene {
     scene: Scene,
     /// The index of each Gaussian in the scene that this was made of.
     order: Vec<usize>,
 }
 
-impl Colourless {
+impl ColourlessScene {
     pub(crate) fn of(scene: &Scene) -> Self {
         // Arrays of inconsistent lengths: nothing can be drawn.
         let drawable = scene.check_shape().is_ok();
@@ -158,7 +158,11 @@ impl WeightSums {
     }
 
     /// Adds a view.
-    pub(crate) fn add(&mut self, Colourless { scene, order }: &Colourless, camera: &Camera) {
+    pub(crate) fn add(
+        &mut self,
+        ColourlessScene { scene, order }: &ColourlessScene,
+        camera: &Camera,
+    ) {
         let Self { visibility, forward: f, weights, sums, .. } = self;
         let (view, each) = sampled(camera, self.views);
         self.views += 1;

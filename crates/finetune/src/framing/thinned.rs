@@ -8,7 +8,7 @@ use super::ring::{Placement, Ring};
 use crate::forward::render;
 use crate::image::Image;
 use crate::options::RenderOptions;
-use crate::visibility::{Colourless, WeightSums};
+use crate::visibility::{ColourlessScene, WeightSums};
 
 /// Cameras on a circle during the search, and for the choice of an arc.
 pub(super) const FEW: u32 = 8;
@@ -22,7 +22,7 @@ const WHOLE: f64 = 0.8;
 /// A copy of a scene with fewer, larger Gaussians without view dependence, which is drawn quickly.
 pub(super) struct ThinnedScene {
     scene: Scene,
-    shapes: Colourless,
+    shapes: ColourlessScene,
     weights: Vec<f64>,
     tangents: [f64; 2],
 }
@@ -65,7 +65,7 @@ impl ThinnedScene {
         let weights = weights(scene, weigh);
         let (base, chosen) = thinned(scene, MOST);
         let weights = chosen.iter().map(|&i| weights[i]).collect();
-        Self { shapes: Colourless::of(&base), scene: base, weights, tangents }
+        Self { shapes: ColourlessScene::of(&base), scene: base, weights, tangents }
     }
 
     /// A small camera on a circle.
