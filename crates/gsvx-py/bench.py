@@ -217,7 +217,7 @@ TEMPLATE = """# In Python
 
 ## From nothing
 
-An empty environment and an empty cargo target folder. The aim is 5 minutes on 2 cores, and a wheel of at most 6 MB.
+The aim is 5 minutes on 2 cores, and a wheel of at most 6 MB.
 
 | | |
 |---|---|
@@ -225,8 +225,7 @@ An empty environment and an empty cargo target folder. The aim is 5 minutes on 2
 
 ## How fast
 
-Seconds, the best of {runs} runs each, in turn; `more` is the median over pairs of consecutive runs. The command encodes
-without file I/O and decodes a PLY to /dev/null; Python goes from arrays to a file and back. The aim is 10 % more at most.
+Seconds, the best of {runs} runs each, in turn; `more` is the median over pairs of consecutive runs. The command encodes without file I/O and decodes to /dev/null; Python goes from arrays to a file and back. The aim is 10 % at most.
 
 | model, Gaussians | | command | Python | more |
 |---|---|---:|---:|---:|
@@ -234,8 +233,7 @@ without file I/O and decodes a PLY to /dev/null; Python goes from arrays to a fi
 
 ## How much memory
 
-Peaks of the processes in MB, the best of {runs}. `base` is Python with numpy and the package before the call; `beyond`
-is what Python takes beyond the command, the arrays and the base. The aim is 0 at most.
+Peaks of the processes in MB, the best of {runs}. `base` is Python before the call; `beyond` is Python less the command, the arrays and the base. The aim is 0 at most.
 
 | model, Gaussians | | command | arrays | base | Python | beyond |
 |---|---|---:|---:|---:|---:|---:|
@@ -243,9 +241,7 @@ is what Python takes beyond the command, the arrays and the base. The aim is 0 a
 
 ## How safe
 
-`pytest crates/gsvx-py/tests`: {tests}. The package decodes each of 1,000 streams
-with random damage as if it were whole, or raises `gsvx.Error`. The streams of 19 sets of options are those of the
-command.
+`pytest crates/gsvx-py/tests`: {tests}. 1,000 streams with random damage decode as if whole, or raise `gsvx.Error`. Streams of 19 sets of options are those of the command.
 """
 
 if __name__ == "__main__":

@@ -235,8 +235,7 @@ fn write(out: &Path, args: &ForgedArgs, outcomes: &[Outcome]) -> Result<()> {
     let count = args.count;
     page.text(format!(
         "`cargo xtask forged --page {}`: {count} streams that no encoder writes, most with right checksums, some with \
-         claims of up to 2^63 Gaussians, decoded at every border: whole, with salvage, in Rust also in parts, at another \
-         level of detail, and on after errors. None may panic, trap or abort.",
+         claims of up to 2^63 Gaussians, decoded whole, with salvage, in Rust also in parts, at another level of detail, and on after errors. None may panic, trap or abort.",
         out.display(),
     ));
     let mut table = Table::new("border | streams | a scene came out | failures | memory, MiB");
@@ -247,7 +246,7 @@ fn write(out: &Path, args: &ForgedArgs, outcomes: &[Outcome]) -> Result<()> {
     page.table(&table);
     page.text(
         "All agree on every scene that came out, the first three also on every word of every error, of the golden \
-         streams too. Memory is the most that the process had; in WebAssembly, that of the instance.",
+         streams too. Memory is the peak of the process or of the WebAssembly instance.",
     );
     page.write()
 }

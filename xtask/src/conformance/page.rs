@@ -13,9 +13,7 @@ pub(super) fn write(out: &Path, held: usize, broken: &[(&str, Findings)]) -> Res
     let mut page = Page::new(out, "How safe?");
     page.text(format!(
         "`cargo xtask conformance --page {}`: {held} checks hold. Four of them decode {streams} broken streams, made \
-         from the golden ones. Each must be refused; only salvage, damage in another level of detail, a splice of \
-         equal parts, and a forgery with right checksums may give a valid scene. A panic, or a decode of more than \
-         five seconds, fails the check.",
+         from the golden ones. Each is refused; only salvage, damage in another level of detail, a splice of equal parts, and a forgery with right checksums may give a valid scene. A panic or five seconds fail the check.",
         out.display(),
     ));
     let mut table =
@@ -26,11 +24,7 @@ pub(super) fn write(out: &Path, held: usize, broken: &[(&str, Findings)]) -> Res
     }
     page.table(&table);
     page.text(
-        "Memory follows what is decoded, not what a stream claims. A decoder refuses a stream whose Gaussians would take \
-         more than 64 MiB and 1024 bytes for each byte of the stream, as floats; the caller can set another number of \
-         Gaussians (`max_gaussians` in Rust, C and Python, `--max-gaussians`, `limits.gaussians` in JavaScript). While a \
-         chunk is decoded it takes up to three times the memory of its Gaussians. A head of more than 64 MiB is refused \
-         before it is read. Where the system has no memory the decoder returns an error.",
+        "Memory follows what is decoded, not what a stream claims. The limit of [format.md](../format.md), 10, can be set (`max_gaussians` in Rust, C and Python, `--max-gaussians`, `limits.gaussians` in JavaScript). While a chunk is decoded it takes up to three times the memory of its Gaussians. Where the system has no memory the decoder returns an error.",
     );
     page.write()
 }

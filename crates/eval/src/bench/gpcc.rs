@@ -44,17 +44,13 @@ pub fn run(options: &GpccOptions) -> Result<()> {
     let peers: Vec<Peer> = text.lines().map(serde_json::from_str).collect::<Result<_, _>>()?;
     let mut page = Page::new(&options.out, "How does the point-cloud coder compare with TMC13?");
     page.text(
-        "`cargo xtask bench-gpcc`: bits per point of whole streams, beside recorded figures of TMC13 v23, MPEG's \
-         test model of G-PCC, which the paper uses. \"Authors\" are the settings of the paper's scripts, \"best\" \
-         is the smallest of all recorded option sets.",
+        "`cargo xtask bench-gpcc`: bits per point, beside TMC13 v23, MPEG's test model of G-PCC. \"Authors\" are the settings of the paper's scripts, \"best\" is the smallest of all recorded.",
     );
     page.text("## Geometry");
     page.table(&of_geometry(dir, &peers)?);
     page.text("## RAHT");
     page.text(
-        "Rates of the attribute coder against TMC13 with the authors' settings, at TMC13's error, interpolated between our \
-         steps. The error is squared, summed over the 8-bit channels after rounding and clipping (opacity: the 16-bit \
-         attribute divided by 257, as TMC13 codes it). A byte for the step of each channel is counted.",
+        "Rates against TMC13 with the authors' settings, at its squared error over the 8-bit channels (opacity: 16 bits over 257, as TMC13 codes it), interpolated between our steps. A byte for the step of each channel is counted.",
     );
     page.table(&lossy(dir, &peers)?);
     page.text("## Lossless channels");
@@ -143,13 +139,13 @@ impl Peer {
 
 /// TMC13 with the authors' settings and at its best, ours, and ours against both.
 fn against(authors: Option<f64>, best: Option<f64>, ours: f64) -> String {
-    let percent = |theirs: Option<f64>| signed(theirs.map(|x| (ours / x - 1.0) * 100.0), 2, " %");
+    let percent = |theirs: Option<f64>| signed(theirs.map(|x| (ours / x - 1.0) * 100.0), 2, "");
     let [authors_bits, best_bits] = [authors, best].map(|bits| number(bits, 3));
     let (a, b) = (percent(authors), percent(best));
     format!("{authors_bits} | {best_bits} | {ours:.3} | {a} | {b}")
 }
 
-const COLUMNS: &str = "TMC13 authors | TMC13 best | gpcc-lite | against authors | against best";
+const COLUMNS: &str = "TMC13 authors | TMC13 best | gpcc-lite | against authors, % | against best";
 
 /// Geometry of each cloud.
 fn of_geometry(dir: &Path, peers: &[Peer]) -> Result<Table> {
@@ -198,7 +194,7 @@ fn lossless(dir: &Path, peers: &[Peer]) -> Result<Table> {
 
 /// The attribute coder against TMC13's RAHT with the authors' settings.
 fn lossy(dir: &Path, peers: &[Peer]) -> Result<Table> {
-    let mut table = Table::new("cloud | attribute | TMC13's points | mean | least | greatest");
+    let mut table = Table::new("cloud | attribute | TMC13's points | mean, % | least | greatest");
     for name in CLOUDS {
         for attribute in ["dc", "opacity", "rest"] {
             let Some(mut cloud) = read(dir, name, attribute)? else { continue };
@@ -225,7 +221,7 @@ fn lossy(dir: &Path, peers: &[Peer]) -> Result<Table> {
             let mean = all.iter().sum::<f64>() / all.len().max(1) as f64;
             let end = |pick: fn(f64, f64) -> f64| all.iter().copied().reduce(pick);
             let figures = [Some(mean), end(f64::min), end(f64::max)];
-            let figures = figures.map(|figure| signed(figure, 2, " %")).join(" | ");
+            let figures = figures.map(|figure| signed(figure, 2, "")).join(" | ");
             table.told(format!("{name} | {attribute} | {} | {figures}", all.len()));
         }
     }

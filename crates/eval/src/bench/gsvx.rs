@@ -88,8 +88,8 @@ pub fn run(options: &GsvxOptions) -> Result<()> {
     }
     let mut page = Page::new(&options.out, "How fast?");
     page.text(format!(
-        "`cargo xtask bench-gsvx {0} --sizes {1}`, at the default quality and without cameras. Models are {0} \
-         replicated side by side, every float jittered a little. {2}. Larger scenes: [scale.md](../scale.md).",
+        "`cargo xtask bench-gsvx {0} --sizes {1}`, the default quality, no cameras. Models are {0} \
+         replicated and jittered. {2}. Larger scenes: [scale.md](../scale.md).",
         options.scene,
         options.sizes.iter().map(ToString::to_string).collect::<Vec<_>>().join(","),
         manifest::machine(),

@@ -46,10 +46,7 @@ pub struct PaperOptions {
 }
 
 /// What the first table does not say of its rows.
-const HOW_TO_READ: &str = "The time of barycenters is that of one for each final leaf. \"From nothing\" are grey, round, translucent \
-     Gaussians at the voxels' centres. Rows of the paper against gsvx and SPZ take the better of uniform J and criteria at \
-     each quality; those with a fine-tune are the fairer ones, for which the paper's initialisation is made. Why \
-     the figures differ from the paper's: [crates/paper](../../crates/paper/README.md#which-claims-hold-and-why).";
+const HOW_TO_READ: &str = "\"From nothing\" are grey, round, translucent Gaussians at the voxels' centres. Rows of the paper against gsvx and SPZ take the better of uniform J and criteria at each quality. Why the figures differ: [crates/paper](../../crates/paper/README.md#which-claims-hold-and-why).";
 
 /// What the page has of one scene.
 struct ScenePart {
@@ -73,13 +70,8 @@ pub fn run(options: &PaperOptions) -> Result<()> {
     let depths = scenes.iter().zip(&parts).map(|(name, part)| format!("{name} {}", part.depth));
     let mut page = Page::new(&options.out, "The paper's claims");
     page.text(format!(
-        "`cargo xtask paper {} --steps {steps}`{}. The system is that of the paper: its voxelization, its initialisation (plain means, covariance of the \
-         largest), its fine-tune (means fixed, loss and rates of the 3DGS code; {steps} steps where the paper \
-         takes 8000), its coding with both covariance modes and QP triples from its published hull. Its scenes, \
-         Playroom and Truck, have never been measured here (`cargo xtask fetch` gets them). J is the uniform depth \
-         at which a merged model renders like the original to 40 dB: {}. The paper's criteria reach from J-3 to \
-         J+5, as on Playroom (8 to 16 about 11), with v = 20 %, tau1 = 30 (both of the authors' code; the text has \
-         none) and tau2 = half a voxel.",
+        "`cargo xtask paper {} --steps {steps}`{}. The paper's system: its voxelization, initialisation (plain means, covariance of the largest), fine-tune (means fixed, loss and rates of the 3DGS code; {steps} steps where the paper \
+         takes 8000), coding with both covariance modes and QP triples from its hull. Its scenes, Playroom and Truck, are not measured here (`cargo xtask fetch` gets them). J is the uniform depth at which a merged model renders like the original to 40 dB: {}. The criteria reach from J-3 to J+5, as on Playroom, with v = 20 %, tau1 = 30 (of the authors' code) and tau2 = half a voxel.",
         scenes.join(" "),
         if options.quick { " `--quick`" } else { "" },
         depths.collect::<Vec<_>>().join(", "),
@@ -166,7 +158,7 @@ fn part(name: &str, options: &PaperOptions) -> Result<ScenePart> {
     claim("the same, covariances by the codebook", "", lossy);
     claim("the same, covariances without loss", "", lossless);
     claim("the same, not fine-tuned", "", rate(&untuned[1], &untuned[0], None));
-    let what = "the same, merged and coded as gsvx does, not fine-tuned";
+    let what = "the same, merged and coded as gsvx does";
     claim(what, "", rate(&in_gsvx[1], &in_gsvx[0], None));
     claim("criteria from J-3 to J+1 only, fine-tuned", "", rate(of_near, of_uniform, None));
     let what = "the authors' code instead, fine-tuned";
@@ -221,13 +213,13 @@ fn part(name: &str, options: &PaperOptions) -> Result<ScenePart> {
     let what = "section 4.2: the paper, fine-tuned, against SPZ";
     claim(what, "less by large margins", against_spz);
     claim("gsvx against the paper, neither tuned", "", bd(&paper_untuned, &gsvx));
-    let what = "one encoding, many rates: one run of `gsvx tune --effort quick --qualities`, six streams, against the paper, fine-tuned";
+    let what = "one run of `gsvx tune --effort quick --qualities`, six streams, against the paper, fine-tuned";
     claim(what, "its promise", bd(&paper, &one_tune));
     claim("the same against gsvx untuned", "", bd(&gsvx, &one_tune));
     let what = "a run for each rate, against the paper, fine-tuned once";
     claim(what, "a critical limit of peers", bd(&paper, &tunes));
     claim("the same against gsvx untuned", "", bd(&gsvx, &tunes));
-    let what = "for reference, the authors' published points";
+    let what = "the authors' published points";
     claim(what, &published_rates()?, String::new());
 
     Ok(ScenePart { depth, claims, voxelizations: voxelizations(&rows) })
@@ -249,8 +241,8 @@ fn strategies(depth: u8) -> [(String, Strategy); 8] {
         ("uniform, J+1".into(), uniform(near)),
         (span(far), criteria(depth)),
         (span(near), Strategy::paper(low, near)),
-        ("the same without large ones (v = 0)".into(), to_near(0.0, 0.5)),
-        ("the same without v and tau2".into(), to_near(0.0, 1.0)),
+        ("without large ones (v = 0)".into(), to_near(0.0, 0.5)),
+        ("without v and tau2".into(), to_near(0.0, 1.0)),
         (
             "the authors' code from J-2".into(),
             Strategy::Released(Released::new(depth.saturating_sub(2))),

@@ -95,13 +95,12 @@ pub fn run(options: &QualityOptions) -> Result<()> {
     let least = least.map_or("none".into(), |(quality, _)| quality.to_string());
     let mut page = Page::new(&options.out, "What is lost?");
     page.text(
-        "`cargo xtask bench-quality`: streams without cameras. Scores compare renders of the stream with renders \
-         of the input: at the held-out views of scenes with photos, at eight viewpoints around other models. \"Lost\" is how far the PSNR against the photos falls below that of the input.",
+        "`cargo xtask bench-quality`: streams without cameras, their renders against those of the input: at held-out views, or at eight viewpoints around models without photos. \"Lost\": PSNR against photos, below that of the input.",
     );
     page.text(format!(
-        "The default quality is the lowest that is \"enough\" on all these models: {ENOUGH_DB} dB and an \
-         SSIMULACRA2 of {ENOUGH_SSIMULACRA2} or more at every view, an SSIM of {ENOUGH_SSIM} \
-         or more, and {MOST_LOST_DB} dB or less lost against photos. Of the qualities measured, that is {least}. The default is {}.",
+        "The default quality is the lowest of these that is \"enough\" on all models: {ENOUGH_DB} dB and an \
+         SSIMULACRA2 of {ENOUGH_SSIMULACRA2} at every view, an SSIM of {ENOUGH_SSIM} \
+         and at most {MOST_LOST_DB} dB lost: {least}. The default is {}.",
         ::gsvx::DEFAULT_QUALITY
     ));
     page.table(&table);

@@ -73,8 +73,7 @@ pub fn run(options: &RealSizeOptions) -> Result<()> {
         page.table(&table);
     }
     page.text(
-        "L-GSC has as many steps of position along an axis for any model. Some Gaussians of office lie 70,000 \
-         units away, so a step along z is half a unit at level 0 and two units at level 2.",
+        "L-GSC has equally many steps of position for any model. Some Gaussians of office lie 70,000 units away, so a step along z is half a unit at level 0, two at level 2.",
     );
     page.write()
 }

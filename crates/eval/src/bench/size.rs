@@ -38,8 +38,7 @@ pub fn run(options: &SizeOptions) -> Result<()> {
     let sizes = runs.iter().map(|r| format!("{} {}", r.scene, r.original.gaussians));
     let mut page = Page::new(&options.out, "How small?");
     page.text(format!(
-        "`cargo xtask bench-size {}`: no fine-tune. Gaussians: {}. Other codecs are recorded beside the scenes, or \
-         else written and measured here.",
+        "`cargo xtask bench-size {}`: no fine-tune. Gaussians: {}. Other codecs are recorded, or written here.",
         scenes.join(" "),
         sizes.collect::<Vec<_>>().join(", "),
     ));
@@ -51,7 +50,7 @@ pub fn run(options: &SizeOptions) -> Result<()> {
     );
     page.table(&against(&runs, &scenes));
     page.table(&points(&runs)?);
-    page.text("The strategies of voxelization: [voxel](../../crates/voxel/README.md).");
+    page.text("Strategies of voxelization: [voxel](../../crates/voxel/README.md).");
     page.write()
 }
 

@@ -126,7 +126,7 @@ try {
 
 \`cargo xtask web --bench\`: fox, replicated to ${COUNT.toLocaleString('en')} Gaussians with SH degree 3, one run. Streams are those of
 \`gsvx encode --web\` (${megabytes(size('model.gsvx'))} MB), SPZ is version 3 (${megabytes(size('model.spz'))} MB) and version 4
-(${megabytes(size('model4.spz'))} MB) of all 8 bits per SH coefficient, PLY is ${megabytes(size('model.ply'))} MB. ${cpus()[0].model},
+(${megabytes(size('model4.spz'))} MB) of 8 bits per SH coefficient, PLY is ${megabytes(size('model.ply'))} MB. ${cpus()[0].model},
 ${cpus().length} cores; Node ${process.version}, Chromium ${version}.
 
 ## What a page loads
@@ -138,10 +138,9 @@ ${cpus().length} cores; Node ${process.version}, Chromium ${version}.
 
 ## Beside another decoder
 
-In Node, one worker, a process for each row, the best of three; load average ${loadavg()[0].toFixed(0)}. Time and memory of gsvx include the
-compiling of WebAssembly; @adobe/spz is made ready before. Peak is the growth of the resident memory, with the output.
+In Node, one worker, a process for each row, the best of three; load average ${loadavg()[0].toFixed(0)}. gsvx includes the compiling of WebAssembly, @adobe/spz does not. Peak is the growth of the resident memory, with the output.
 
-| decoder and output | seconds | processor, s | M Gaussians per processor second | output, MB | peak, MB | peak / output |
+| decoder and output | seconds | processor, s | M Gaussians / processor s | output, MB | peak, MB | peak / output |
 |---|---:|---:|---:|---:|---:|---:|
 ${row('gsvx, planar (floats)', decode.planar)}
 ${row('gsvx, packed (Spark, PlayCanvas)', decode.packed)}
@@ -151,8 +150,7 @@ ${row('@adobe/spz, version 4 (floats)', decode.spz4)}
 
 ## In a page
 
-Whole scenes in Chromium, one worker: seconds, and the growth of the page's memory in MB and as a multiple of the output.
-A page's first decoding starts and compiles the decoder.
+Whole scenes in Chromium, one worker; growth of the page's memory, also as a multiple of the output. The first decoding compiles the decoder.
 
 | decoding | seconds | M Gaussians/s | output, MB | growth, MB |
 |---|---:|---:|---:|---:|
@@ -160,21 +158,20 @@ ${used}
 
 ## Workers, and the page's own thread
 
-Two workers (\`workers: 2\`) beside one, in Chromium, chunk by chunk, M Gaussians/s, the best of four:
+\`workers: 2\` beside one, M Gaussians/s, the best of four:
 
 | layout | one | two | times as many |
 |---|---:|---:|---:|
 ${Object.entries(shared).map(([layout, { one, two }]) => `| ${layout} | ${(one / 1e6).toFixed(2)} | ${(two / 1e6).toFixed(2)} | ${(two / one).toFixed(2)} |`).join('\n')}
 
-While one worker decodes and chunks come in, the page's main thread is busy for at most ${longest.planar.toFixed(1)} ms (planar) and ${longest.packed.toFixed(1)} ms
-(packed) at a time, in the best of three runs.
+The page's main thread is busy for at most ${longest.planar.toFixed(1)} ms (planar) and ${longest.packed.toFixed(1)} ms
+(packed) at a time.
 
 The aims are 0.8 M Gaussians per second in one worker, 16 ms of the main thread, and a peak of 1.3 times the output.
 
 ## Over a link of 10 Mbit/s
 
-Seconds in Spark 2.2.0, without the drawing, until a first whole picture can be drawn (of .gsvx: the coarse level) and
-until all is there. SPZ keeps nearly all of the model; the stream has quality 50 ([quality.md](quality.md)).
+Seconds in Spark 2.2.0, without drawing, until a first whole picture (of .gsvx: the coarse level) and until all is there. SPZ keeps nearly all of the model; the stream has quality 50 ([quality.md](quality.md)).
 
 | file | first picture | all |
 |---|---:|---:|

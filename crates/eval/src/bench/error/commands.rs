@@ -42,18 +42,18 @@ const EQUAL: f64 = 100.0;
 
 impl Bench<'_> {
     fn encode(&self) -> Result<Family> {
-        let about = "The PSNR is that of renders of the stream against renders of the input, at the held-out views.";
+        let about = "PSNR against renders of the input, at the held-out views.";
         let mut family = Family::new("Encode", about, "bytes | PSNR, dB");
         for (words, buys) in [
-            ("--no-estimate --quality=30", "the fewest bytes without cameras that are of use"),
+            ("--no-estimate --quality=30", "the fewest that are of use"),
             ("--no-estimate --quality=50", "web pages"),
             ("--no-estimate --quality=65", "half the steps"),
-            ("--no-estimate", "half the steps again: the default quality, 80"),
-            ("", "the report says how much less the stream shows"),
-            ("CAMERAS --no-estimate", "what the cameras see gets the bits"),
-            ("CAMERAS", "the same, with the report and the check of the cameras"),
-            ("--no-estimate --quality=95", "half the steps again"),
-            ("--max-error=0.01", "a bound on every error; nothing is merged"),
+            ("--no-estimate", "again: the default quality, 80"),
+            ("", "the estimate of the loss"),
+            ("CAMERAS --no-estimate", "bits go where they show"),
+            ("CAMERAS", "with the estimate"),
+            ("--no-estimate --quality=95", "half the steps of 80"),
+            ("--max-error=0.01", "a bound on every error"),
             ("--lossless", "every float"),
         ] {
             let stream = self.dir.path().join("a.gsvx");
@@ -71,13 +71,13 @@ impl Bench<'_> {
     }
 
     fn tune(&self) -> Result<Family> {
-        let about = "The PSNR is that against the held-out photos, because tuning is to photos.";
+        let about = "PSNR against the held-out photos.";
         let mut family = Family::new("Tune", about, "bytes | PSNR, dB");
         family.is_drawn = false;
         for (words, buys) in [
-            ("encode --drop-unseen --no-estimate", "no tuning: the stream to beat"),
-            ("tune --effort=quick", "fewer Gaussians, fitted to the photos"),
-            ("tune", "more steps: fewer bytes and more dB"),
+            ("encode --drop-unseen --no-estimate", "the stream to beat"),
+            ("tune --effort=quick", "fewer Gaussians, fitted to photos"),
+            ("tune", "more steps"),
         ] {
             let stream = self.dir.path().join("b.gsvx");
             let mut command = self.gsvx.words(words.split(' '));
@@ -92,14 +92,14 @@ impl Bench<'_> {
     }
 
     fn decode(&self) -> Result<Family> {
-        let about = "A stream of the default quality with levels of detail, to a PLY. The PSNR is that against renders of the input.";
+        let about = "A stream of the default quality with levels of detail, to a PLY; PSNR against renders of the input.";
         let mut family = Family::new("Decode", about, "Gaussians | PSNR, dB");
         let stream = self.dir.path().join("c.gsvx");
         let mut command = self.gsvx.words(["encode", "--lod", "--no-estimate"]);
         self.gsvx.make(command.arg(self.model), &stream)?;
         for (words, buys) in [
-            ("--lod=255", "the coarsest level: a first picture"),
-            ("--max-sh-degree=0", "all Gaussians, no view dependence"),
+            ("--lod=255", "a first picture"),
+            ("--max-sh-degree=0", "no view dependence"),
             ("--max-sh-degree=1", "SH of degree 1"),
             ("--max-sh-degree=2", "SH of degree 2"),
             ("", "all of the stream"),

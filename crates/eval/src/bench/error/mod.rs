@@ -33,9 +33,8 @@ pub fn run(options: &ErrorOptions) -> Result<()> {
     let commands = commands::families(&study)?;
     let mut page = Page::new(&options.out, "What does accuracy cost?");
     page.text(format!(
-        "`cargo xtask bench-error {}`: {} Gaussians, {} held-out views. {}. Stages run within one process, the best of {} runs; \
-         commands are whole processes with files. The last column says what a row gives that the one before it does not, \
-         or what it leaves out.",
+        "`cargo xtask bench-error {}`: {} Gaussians, {} held-out views. {}. Stages: within one process, the best of {} runs; \
+         commands: whole processes. \"Buys\": what a row gives or leaves out beside the one before.",
         options.scene,
         study.test.model.len(),
         study.test.held_out.len(),
@@ -76,7 +75,7 @@ struct Family {
 impl Family {
     /// `columns` lie between the error and what a row buys.
     fn new(heading: &'static str, about: impl Into<String>, columns: &str) -> Self {
-        let table = Table::new(format!("{heading} | seconds | {columns} | what it buys"));
+        let table = Table::new(format!("{heading} | seconds | {columns} | buys"));
         Self { heading, about: about.into(), table, points: Vec::new(), is_drawn: true }
     }
 

@@ -58,11 +58,10 @@ fn rasterizer(study: &Study) -> Family {
     let mut family = Family::new(
         "Rasterizer",
         format!(
-            "A view of {}x{} pixels. The error is the root mean square over pixels and channels, of the range of 1: \
-             against f64 with the same cuts, and against f64 without them.",
+            "A view of {}x{} pixels. The error is the root mean square of values of 0 to 1, against f64 with and without the cuts.",
             camera.width, camera.height
         ),
-        "against the same cuts | against no cuts",
+        "same cuts | no cuts",
     );
     let (all, slow) = timed(|| exact::render(scene, &camera, Cuts::NONE));
     let (cut, cut_slow) = timed(|| exact::render(scene, &camera, Cuts::INRIA));
@@ -71,16 +70,14 @@ fn rasterizer(study: &Study) -> Family {
         family.row(what, seconds, none, &format!("{} | {}", small(same), small(none)), buys);
     };
     add("f64, no cuts, one thread", (all.clone(), slow), "the reference");
-    let buys = "alpha below 1/255 and transmittance below 1e-4 are left out";
+    let buys = "no alpha below 1/255, no transmittance below 1e-4";
     add("f64, cuts of 3DGS, one thread", (cut.clone(), cut_slow), buys);
     let inria = RenderOptions { profile: Profile::Reference, ..RenderOptions::default() };
-    let buys = "f32, vectors, tiles, all cores; tiles as Inria's code has them";
+    let buys = "f32, vectors, all cores, Inria's tiles";
     add("`Profile::Reference`", best(|| finetune::render(scene, &camera, &inria)), buys);
     let draw = |scene: &Scene| best(|| finetune::render(scene, &camera, &RenderOptions::default()));
-    add("`finetune::render`", draw(scene), "tiles that the ellipse reaches, no others");
-    for (degree, buys) in
-        [(2, "SH of degree 3 left out"), (1, "degree 2 too"), (0, "all view dependence")]
-    {
+    add("`finetune::render`", draw(scene), "only tiles that the ellipse reaches");
+    for (degree, buys) in [(2, "no SH degree 3"), (1, "nor 2"), (0, "nor 1")] {
         let mut plain = scene.clone();
         plain.cut_sh(degree);
         add(&format!("the same, SH degree {degree}"), draw(&plain), buys);
@@ -97,8 +94,7 @@ fn transforms(scene: &Scene, plan: &RahtPlan) -> Result<Family> {
     let mut family = Family::new(
         "Transforms",
         format!(
-            "The {channels} SH channels of {n} voxels, forward and back, one thread for f64 and integers. The error is the \
-             greatest one of a value after both, over the greatest value.",
+            "The {channels} SH channels of {n} voxels, forward and back, one thread for f64 and integers. The error is the greatest, over the greatest value.",
         ),
         "error",
     );
@@ -127,7 +123,7 @@ fn transforms(scene: &Scene, plan: &RahtPlan) -> Result<Family> {
     });
     let rows = rows?;
     let error = most(&|i, c| f64::from(rows.row(i)[c]));
-    let buys = "f32, all channels of a node together; what streams use";
+    let buys = "all channels of a node together; what streams use";
     family.row("RAHT in f32", seconds, error, &small(error), buys);
     // As integers of 16 bits.
     let step = largest / f64::from(i16::MAX);
@@ -147,7 +143,7 @@ fn transforms(scene: &Scene, plan: &RahtPlan) -> Result<Family> {
     });
     anyhow::ensure!(exact?, "the lifting transform is not exact");
     let error = 0.5 * step / largest;
-    let buys = "exact on integers, neighbours found included; the error is that of 16 bits";
+    let buys = "exact on integers; the error is that of 16 bits";
     family.row("predictive lifting with update, integers", seconds, error, &small(error), buys);
     Ok(family)
 }
@@ -157,22 +153,17 @@ fn voxelizations(study: &Study, depth: u8) -> Result<Family> {
     let cube = voxel::cube_of(&scene.means)?;
     let mut family = Family::new(
         "Voxelizations",
-        "Voxelized and merged by moments; then covariances by the W2 barycenter of each leaf. The error is the paper's \
-         equation 4, relative to that of the uniform depth; the PSNR is that at the held-out photos.",
+        "Merged by moments, one row by W2 barycenters. The error is the paper's equation 4, relative to that of uniform J; the PSNR is that at the held-out photos.",
         "Gaussians | equation 4 | PSNR, dB",
     );
     let strategies = [
-        (
-            "uniform, J",
-            Strategy::Uniform { depth },
-            "the depth that renders like the original to 40 dB",
-        ),
-        ("uniform, J-1", Strategy::Uniform { depth: depth - 1 }, "cells of twice the side"),
+        ("uniform, J", Strategy::Uniform { depth }, "renders like the original to 40 dB"),
+        ("uniform, J-1", Strategy::Uniform { depth: depth - 1 }, "twice the side"),
         ("the paper's criteria, J-3 to J+5", criteria(depth), "depth by density, size and offset"),
         (
             "rate-distortion, as `encode` without cameras",
             like_uniform(scene, &cube, depth)?,
-            "as many Gaussians; depth by what merging loses over the bits that it saves",
+            "depth by loss over bits",
         ),
     ];
     let mut uniform = f64::NAN;
@@ -194,7 +185,7 @@ fn voxelizations(study: &Study, depth: u8) -> Result<Family> {
             let (merged, more) = timed(|| barycenters(scene, &voxels, merged));
             let db = measure::psnr_db(&merged, &study.test.held_out);
             let cells = format!("{} | {error:.2} | {db:.2}", voxels.len());
-            let buys = "the minimum of equation 4 for each leaf, which moments nearly reach";
+            let buys = "the least equation 4, which moments nearly reach";
             family.row("the same, W2 barycenters", seconds + more, error, &cells, buys);
         }
     }
@@ -256,8 +247,7 @@ fn covariances(scene: &Scene, plan: &RahtPlan) -> Result<Family> {
     let mut family = Family::new(
         "Covariances",
         format!(
-            "Those of {} voxels. The error is the root mean square of the W2 distance between covariances, over the root \
-             of the trace.",
+            "Of {} voxels. The error is the root mean square of the W2 distance over the root of the trace.",
             scene.len()
         ),
         "bits per Gaussian | error",
@@ -274,8 +264,8 @@ fn covariances(scene: &Scene, plan: &RahtPlan) -> Result<Family> {
     };
     let (_, _, rest) = coded(CovarianceCoding::Lossy { codebook_bits: 0 })?;
     for (codebook_bits, buys) in [
-        (8, "256 codewords and a size for each Gaussian"),
-        (10, "1,024 codewords"),
+        (8, "256 codewords, a size each"),
+        (10, "1,024"),
         (12, "4,096, as the authors"),
         (14, "16,384"),
     ] {
@@ -288,10 +278,10 @@ fn covariances(scene: &Scene, plan: &RahtPlan) -> Result<Family> {
     let (bytes, back, seconds) = coded(CovarianceCoding::Lossless)?;
     let error = covariance_error(scene, &back);
     let cells = format!("{:.1} | {}", bits(bytes), small(error));
-    let buys = "16 bits per component, and these without loss";
+    let buys = "16 bits per component";
     family.row("predicted, lossless", (seconds - rest).max(0.0), error, &cells, buys);
     for (quality, buys) in [
-        (50.0, "RAHT of the log-Euclidean covariance, at the step of a quality of gsvx"),
+        (50.0, "as streams have it"),
         (65.0, "half the step"),
         (80.0, "half of that: the default"),
         (95.0, "half of that"),

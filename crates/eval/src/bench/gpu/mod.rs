@@ -75,10 +75,7 @@ pub fn run(options: &GpuOptions) -> Result<()> {
     let mut page = Page::new(&options.out, "How fast is a step on a GPU?");
     page.text(format!(
         "`cargo xtask bench-gpu`: {name}, beside the processor ({}). Random scenes of SH degree 3, a view of \
-         {side}x{side} pixels, mean squared error. \"Apart\" is how far the loss of the first step, and Adam's first moments over the largest, differ \
-         between the executors. Behind the slash is what they differ by on the processor if the depths move by a \
-         unit in the last place: many depths are equal, and a GPU that fuses products and sums orders them \
-         differently. Memory: all buffers on the device.",
+         {side}x{side} pixels, mean squared error. \"Apart\": how far the loss of the first step, and Adam's first moments over the largest, differ; behind the slash, by how much on the processor if the depths, many of which are equal, move by a unit in the last place.",
         manifest::machine(),
         side = options.side,
     ));

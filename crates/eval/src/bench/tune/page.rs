@@ -27,21 +27,14 @@ pub(super) fn page(options: &TuneBenchOptions, scenes: &[Scene]) -> Page {
     let mut page = Page::new(&options.out, "What does tuning save?");
     page.text(format!(
         "`cargo xtask bench-tune {}` runs `gsvx tune MODEL --cameras SCENE -q QUALITY --effort EFFORT` for each \
-         row. \"Elsewhere\" is the PSNR against renders of the model as it was trained, at views off the path of \
-         the cameras: between them, beside them and farther back. The column after it is the same of `gsvx encode \
-         --cameras SCENE`, interpolated at these bytes. \"Untuned\" is `gsvx encode --cameras SCENE --drop-unseen` \
-         ([rd.md](rd.md)). \"Distil\" tunes to renders of the model instead of the photos. Rows that this build \
-         has not measured are missing.",
+         row. \"Elsewhere\" is the PSNR against renders of the model as it was trained, at views between the cameras, beside them and farther back; after it that of `gsvx encode --cameras SCENE` at these bytes. \"At\" is the bytes against `gsvx encode --cameras SCENE --drop-unseen` ([rd.md](rd.md)) of equal score. Distil: renders of the model as targets.",
         names.join(" "),
     ));
-    page.text(format!(
-        "The models as they were trained: {}. Bold: at or above that.",
-        models.join("; ")
-    ));
+    page.text(format!("As trained: {}. Bold: at or above that.", models.join("; ")));
     if let Some(scene) = scenes.first() {
         page.chart("", chart(scene));
     }
-    page.text("BD-rate against untuned, by each metric:");
+    page.text("BD-rate against untuned:");
     page.table(&bd_table(scenes));
     page.table(&points_table(scenes));
     page.text("A model without photos is tuned to its own renders: [real-size.md](real-size.md).");
@@ -51,7 +44,7 @@ pub(super) fn page(options: &TuneBenchOptions, scenes: &[Scene]) -> Page {
 
 /// Mean differences over the range that both curves share.
 fn bd_table(scenes: &[Scene]) -> Table {
-    let mut table = Table::new("scene | run | by PSNR | by SSIM | by SSIMULACRA2 | over, dB");
+    let mut table = Table::new("scene | run | by PSNR, % | by SSIM | by SSIMULACRA2 | over, dB");
     let ends = |hull: &[bd::Point]| {
         let db = |p: Option<&bd::Point>| p.map_or(f64::NAN, |p| p.score);
         [db(hull.first()), db(hull.last())]
@@ -66,7 +59,7 @@ fn bd_table(scenes: &[Scene]) -> Table {
             let [[a, b], [c, d]] = curves(Metric::Psnr).map(|hull| ends(&hull));
             if saved.iter().any(Option::is_some) {
                 let over = format!("{:.2} to {:.2}", a.max(c), b.min(d));
-                let [psnr, ssim, third] = saved.map(|rate| signed(rate, 1, " %"));
+                let [psnr, ssim, third] = saved.map(|rate| signed(rate, 1, ""));
                 let (scene, how) = (&scene.name, how.name);
                 table.row(format!("{scene} | {how} | {psnr} | {ssim} | {third} | {over}"));
             }
@@ -78,8 +71,8 @@ fn bd_table(scenes: &[Scene]) -> Table {
 /// The points of each effort, with photos.
 fn points_table(scenes: &[Scene]) -> Table {
     let mut table = Table::new(
-        "scene | run | quality | bytes | dB | SSIM | SSIMULACRA2 | bytes against untuned at this PSNR | at this SSIM | elsewhere, dB | \
-         elsewhere without tuning, dB | CPU minutes | peak MB",
+        "scene | run | quality | bytes | dB | SSIM | SSIMULACRA2 | at PSNR, % | at SSIM, % | elsewhere, dB | untuned, dB | \
+         CPU minutes | peak MB",
     );
     let off = |bytes: u64, of: f64| Some(100.0 * (bytes as f64 / of.max(1.0) - 1.0));
     for scene in scenes {
@@ -94,7 +87,7 @@ fn points_table(scenes: &[Scene]) -> Table {
             });
             let against = |metric: Metric| {
                 let rate = bd::rate_at(&rates(&scene.untuned, metric), metric.of(&p.score));
-                signed(rate.and_then(|rate| off(p.bytes, rate)), 1, " %")
+                signed(rate.and_then(|rate| off(p.bytes, rate)), 1, "")
             };
             let (by_psnr, by_ssim) = (against(Metric::Psnr), against(Metric::Ssim));
             let untuned = bd::score_at(&elsewhere, p.bytes as f64);
