@@ -1,29 +1,26 @@
 //! `gsvx encode`.
 
+mod by_cameras;
+mod summary;
+
 use crate::batch::{self, Job};
-use crate::content::{CONTENT, LARGE, SceneArgs, transparent};
+use crate::content::{CONTENT, LARGE, SceneArgs};
 use crate::exit::{missed, note, usage};
 use crate::format::{STREAM, is_stream_name};
-use crate::info::parts;
 use crate::input::{self, LoadedModel};
 use crate::join::{self, ScenePart};
 use crate::output::{Output, counted};
-use crate::progress::Meter;
 use crate::report::Reporter;
 use crate::views::Origin;
-use crate::{doubts, loss, max_error, scale, size, views};
-use anyhow::{Result, anyhow};
-use gs_model::{Camera, Format, Scene, chain};
-use gsvx::{
-    Aim, Choices, EncodeOptions, EncodeProgress, EncodeWarning, EncoderOutput, Leaves, MaxError,
-    Measure, Missed,
-};
+use crate::{loss, max_error, scale, size};
+use anyhow::Result;
+pub(crate) use by_cameras::{explained, meters};
+use gs_model::{Format, chain};
+use gsvx::{Aim, Choices, EncodeOptions, EncodeWarning, EncoderOutput, Leaves, MaxError, Measure};
 use indicatif::DecimalBytes;
 use serde_json::{Value, json};
-use std::ops::ControlFlow;
-use std::path::Path;
 use std::time::Instant;
-use tune::{EncodeEvent, EncodeOutcome, EncodeRecipe, VisibilityCount};
+use tune::EncodeRecipe;
 
 pub(crate) const MORE: &str = "gsvx encode --help shows all flags, and examples.";
 
@@ -195,9 +192,16 @@ pub(crate) fn run(args: &EncodeArgs, report: Reporter) -> Result<()> {
 
 /// Encodes one model.
 fn encode_file(args: &EncodeArgs, job: &Job, report: Reporter) -> Result<()> {
-    let output = Output::open(&job.output, args.scene.force, &[&job.input])?;
+    let SceneArgs { content, reading, force, .. } = &args.scene;
+    let recipe = EncodeRecipe {
+        aim: args.aim(),
+        options: args.options(),
+        estimate: !args.no_estimate,
+        ..EncodeRecipe::default()
+    };
+    let (most_bytes, preset) = (args.most_bytes(), content.preset());
+    let output = Output::open(&job.output, *force, &[&job.input])?;
     let (start, name) = (Instant::now(), input::name(&job.input));
-    let reading = &args.scene.reading;
     let LoadedModel { scene, bytes: input_bytes, report: file } = match args.lossless {
         true => reading.exact_model(&job.input)?,
         false => reading.model(&job.input, true)?,
@@ -205,7 +209,8 @@ fn encode_file(args: &EncodeArgs, job: &Job, report: Reporter) -> Result<()> {
     let input_gaussians = scene.len();
     let read_seconds = start.elapsed().as_secs_f64();
     let step = Instant::now();
-    let (outcome, cameras) = encoded(args, &name, scene)?;
+    let cameras = content.cameras.as_deref();
+    let (outcome, cameras) = by_cameras::encoded(scene, &name, cameras, recipe)?;
     let encode_seconds = step.elapsed().as_secs_f64() - outcome.estimate_seconds;
     let EncoderOutput { encoded, warnings, missed: why, .. } = &outcome.output;
     let written = output.write(|out| Ok(out.write_all(&encoded.bytes)?))?;
@@ -218,13 +223,13 @@ fn encode_file(args: &EncodeArgs, job: &Job, report: Reporter) -> Result<()> {
         DecimalBytes(bytes),
         input_bytes as f64 / bytes as f64,
         8.0 * bytes as f64 / gaussians.max(1) as f64,
-        remarks(args, &outcome),
+        summary::remarks(&outcome, most_bytes, preset),
         outcome.estimate_seconds,
     );
     if let Some(cameras) = &cameras {
         human += &format!("\n{}", cameras.human());
     }
-    let mut json = json(&outcome);
+    let mut json = summary::json(&outcome);
     json["cameras"] = cameras.as_ref().map_or(Value::Null, Origin::json);
     for warning in warnings {
         note(format_args!("warning: {name}: {warning}"));
@@ -234,14 +239,13 @@ fn encode_file(args: &EncodeArgs, job: &Job, report: Reporter) -> Result<()> {
         json["estimated_loss"] = loss::json(loss);
         // Where positions coincide, another warning says what helps.
         let coincident = warnings.iter().any(|w| matches!(w, EncodeWarning::Coincident(_)));
-        let content = &args.scene.content;
         let warning = loss::warning(loss, content.drop_unseen, content.cameras.is_some());
         if let Some(warning) = warning.filter(|_| !coincident) {
             note(format_args!("warning: {name}: {warning}"));
         }
     }
-    if args.scene.content.web {
-        let snippet = embed(&job.output);
+    if content.web {
+        let snippet = summary::embed(&job.output);
         human += &format!("\nembed it: {snippet}");
         json["embed"] = json!(snippet);
     }
@@ -256,153 +260,4 @@ fn encode_file(args: &EncodeArgs, job: &Job, report: Reporter) -> Result<()> {
         Some(why) => Err(missed(format!("{}: written, but {why}", written.name))),
         None => Ok(()),
     }
-}
-
-/// What shows a stream in a page, by the npm package.
-fn embed(output: &Path) -> String {
-    let file = output.file_name().map_or("scene.gsvx".into(), |n| n.to_string_lossy());
-    format!("import {{ GSVXSplats }} from 'gsvx/spark'; scene.add(new GSVXSplats('{file}'));")
-}
-
-/// What is said of Gaussians that cameras see too little of, in a stream of so many.
-fn unseen(count: &VisibilityCount, gaussians: u64) -> Option<String> {
-    let VisibilityCount { unseen, hardly_seen, kept, .. } = *count;
-    if unseen + hardly_seen == 0 {
-        return None;
-    }
-    let these = format!("{unseen} Gaussians that no camera sees and {hardly_seen} hardly seen");
-    Some(match kept {
-        0 => format!("{these} are left out"),
-        _ => format!(
-            "{these}: {kept} of them kept, coarsely; --drop-unseen leaves them out, which saves at most about \
-             {:.1} %",
-            100.0 * kept.min(gaussians as usize) as f64 / gaussians.max(1) as f64
-        ),
-    })
-}
-
-/// For a person.
-fn remarks(args: &EncodeArgs, outcome: &EncodeOutcome) -> String {
-    let encoded = &outcome.output.encoded;
-    let outliers = encoded.outliers();
-    let mut remarks = vec![aimed(args, &outcome.output)];
-    if encoded.transparent > 0 {
-        remarks.push(transparent(encoded.transparent));
-    }
-    if encoded.pruned > 0 {
-        remarks.push(format!("{} pruned", encoded.pruned));
-    }
-    // With bounds on errors the first remark says how many are exact.
-    if outliers > 0 && encoded.max_error.is_none() {
-        remarks.push(format!(
-            "{} coded exactly, far from all others: {:.0} % of the bytes",
-            counted(outliers, "outlier"),
-            100.0 * encoded.exact_share()
-        ));
-    }
-    let seen = outcome.seen.as_ref().filter(|_| !outcome.cameras_ignored());
-    remarks.extend(seen.and_then(|seen| unseen(seen, encoded.index.header.count)));
-    remarks.join("; ")
-}
-
-fn json(outcome: &EncodeOutcome) -> Value {
-    let EncodeOutcome { output: EncoderOutput { encoded, measured, .. }, seen, .. } = outcome;
-    let measured = |of: Measure| measured.filter(|m| m.0 == of).map(|m| m.1);
-    json!({
-        "gaussians": encoded.index.header.count,
-        "quality": outcome.output.quality,
-        "psnr": measured(Measure::Psnr),
-        "ssimulacra2": measured(Measure::Ssimulacra2),
-        "encodes": outcome.output.encodes,
-        "transparent": encoded.transparent,
-        "pruned": encoded.pruned,
-        "outliers": encoded.outliers(),
-        "cameras_doubted": outcome.cameras_ignored(),
-        "seen_opacity_share": seen.map(|s| s.share),
-        "unseen": seen.map(|s| s.unseen),
-        "hardly_seen": seen.map(|s| s.hardly_seen),
-        "hardly_seen_kept": seen.map(|s| s.kept),
-        "left_out": encoded.left_out,
-        "max_error": max_error::json(encoded),
-        "target_reached": outcome.output.missed.is_none(),
-        "parts": parts(&encoded.parts()),
-        "estimate_seconds": outcome.estimate_seconds,
-    })
-}
-
-/// The stream that the flags ask for, and where the cameras are from.
-fn encoded(args: &EncodeArgs, name: &str, scene: Scene) -> Result<(EncodeOutcome, Option<Origin>)> {
-    let path = args.scene.content.cameras.as_deref();
-    let (photos, placed) = views::with_photos(path, &scene)?;
-    let (cameras, origin) = placed.map(|p| (p.cameras, p.origin)).unzip();
-    let recipe = EncodeRecipe {
-        aim: args.aim(),
-        options: args.options(),
-        cameras: cameras.as_deref(),
-        photos: &photos,
-        estimate: !args.no_estimate,
-    };
-    let path = path.unwrap_or(Path::new(""));
-    let outcome = tune::encode(scene, &recipe, meters(recipe.cameras))
-        .map_err(|error| explained(error, path, name))?;
-    outcome.doubts.iter().for_each(|doubt| doubts::warn(path, doubt));
-    Ok((outcome, origin.flatten()))
-}
-
-/// Why a model, which is called `name`, was not encoded. `cameras` names the cameras.
-pub(crate) fn explained(error: tune::Error, cameras: &Path, name: &str) -> anyhow::Error {
-    match error {
-        tune::Error::OtherPhotos { .. } => doubts::refused(cameras, &error),
-        tune::Error::NothingSeen => anyhow!("{}: {error}", cameras.display()),
-        other => anyhow::Error::new(other).context(name.to_owned()),
-    }
-}
-
-/// Shows how far an encode is.
-pub(crate) fn meters(
-    cameras: Option<&[Camera]>,
-) -> impl FnMut(EncodeEvent<'_>) -> ControlFlow<()> + use<> {
-    let mut bar = cameras.map(|cameras| Meter::new("importance", cameras.len()));
-    move |event| {
-        let (what, done, all) = match event {
-            EncodeEvent::Visibility(done, all) => ("importance", done, all),
-            EncodeEvent::References(done, all) => ("renders of the input", done, all),
-            EncodeEvent::Encoder(event) => {
-                bar = None;
-                if let EncodeProgress::Begins(quality) = event {
-                    bar = Some(Meter::spinner(format!("encoding at quality {quality:.1}")));
-                }
-                return ControlFlow::Continue(());
-            }
-        };
-        bar.get_or_insert_with(|| Meter::new(what, all)).set(done as u64, String::new());
-        if done == all {
-            bar = None;
-        }
-        ControlFlow::Continue(())
-    }
-}
-
-/// What the stream aimed for, and how near it came.
-fn aimed(args: &EncodeArgs, output: &EncoderOutput) -> String {
-    let Some(quality) = output.quality else {
-        let bounds = max_error::human(&output.encoded);
-        return bounds.unwrap_or_else(|| "every float bit for bit".into());
-    };
-    let reached = match (output.missed, output.measured) {
-        (Some(Missed::Bytes { .. }), _) => "above the target".into(),
-        (_, Some((measure, value))) => format!("{} from the input's renders", measure.words(value)),
-        (None, None) if output.encodes > 1 || args.most_bytes().is_some() => {
-            let most = args.most_bytes().unwrap_or_default().max(1);
-            let share = 100.0 * output.encoded.bytes.len() as f64 / most as f64;
-            format!("{share:.1} % of the target")
-        }
-        _ => {
-            return match args.scene.content.preset() {
-                Some(preset) => format!("preset {}, quality {quality}", preset.name),
-                None => format!("quality {quality}"),
-            };
-        }
-    };
-    format!("quality {quality:.1}, {reached}, {} encodes", output.encodes)
 }

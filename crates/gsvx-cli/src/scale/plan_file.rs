@@ -2,6 +2,7 @@
 
 use super::cameras::CameraFile;
 use super::inputs::SceneFile;
+use crate::exit::note;
 use crate::input::{self, Reading, name};
 use anyhow::{Context, Result, bail};
 use gsvx::Plan;
@@ -38,6 +39,13 @@ impl PlanFile {
 
     pub(crate) fn text(&self) -> Result<String> {
         Ok(serde_json::to_string(self)? + "\n")
+    }
+
+    /// Warns if cells are coarse beside the Gaussians.
+    pub(crate) fn warn_of_coarse_cells(&self) {
+        if let Some(warning) = self.plan.warning() {
+            note(format_args!("warning: {warning}"));
+        }
     }
 
     /// Tells this plan from others.

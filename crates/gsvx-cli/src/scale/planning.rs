@@ -10,12 +10,11 @@ use crate::content::SceneArgs;
 use crate::doubts::PhotoVerdict;
 use crate::input::name;
 use crate::progress::Meter;
-use anyhow::{Context, Error, Result, anyhow};
+use anyhow::{Context, Error, Result, bail};
 use gs_model::Scene;
 use gsvx::{Choices, Plan, Survey};
 use std::fs::File;
 use std::io::{BufWriter, Read, Seek, Write};
-use std::path::Path;
 
 /// Name of the file of all means.
 const MEANS: &str = "means";
@@ -47,7 +46,14 @@ pub(crate) fn survey(
         input.survey(&args.reading, &bar, look, |mut scene| {
             let first = first.get_or_insert_with(|| scene.emptied(0));
             if scene.antialiased != first.antialiased {
-                return Err(one_antialiased(&args.inputs[0], &path, first.antialiased));
+                let mut both = [&args.inputs[0], &path];
+                if scene.antialiased {
+                    both.reverse();
+                }
+                let [with, without] = both.map(|path| name(path));
+                bail!(
+                    "{with} is antialiased and {without} is not, so they cannot be one scene; encode them as two"
+                );
             }
             scene.move_origin(first.origin);
             survey.add(&scene);
@@ -88,16 +94,6 @@ pub(crate) fn survey(
     let cameras = cameras.map(PlanCameras::file);
     let plan = PlanFile { gsvx: super::VERSION.into(), reading, inputs, cameras, plan };
     Ok((plan, verdict == Some(PhotoVerdict::Proven)))
-}
-
-/// An error for two models that cannot be drawn alike.
-fn one_antialiased(first: &Path, other: &Path, is_first: bool) -> Error {
-    let (with, without) = if is_first { (first, other) } else { (other, first) };
-    anyhow!(
-        "{} is antialiased and {} is not, so they cannot be one scene; encode them as two",
-        name(with),
-        name(without)
-    )
 }
 
 fn read_means(from: &mut File, left: &mut u64) -> std::io::Result<Vec<[f32; 3]>> {
