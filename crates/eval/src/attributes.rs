@@ -1,12 +1,11 @@
 //! The quantities that streams hold of a Gaussian, defined a second time, in double precision. The
 //! bounds of docs/accuracy.md are bounds of these.
 
-/// Logits are moved into this range before they are coded.
-const LOGIT_RANGE: [f64; 2] = [-8.0, 12.0];
+use gsvx::latents::LOGIT_RANGE;
 
-/// `ln alpha` of an opacity logit, which is moved into -8 to 12 first.
+/// `ln alpha` of an opacity logit, which is moved into [`LOGIT_RANGE`] first.
 pub(crate) fn log_alpha(logit: f32) -> f64 {
-    let logit = f64::from(logit).clamp(LOGIT_RANGE[0], LOGIT_RANGE[1]);
+    let logit = f64::from(logit.clamp(LOGIT_RANGE[0], LOGIT_RANGE[1]));
     -libm::log1p(libm::exp(-logit))
 }
 

@@ -16,7 +16,7 @@ mod thinned;
 
 pub use coverage::{Coverage, cover};
 pub use nearby::nearby;
-pub use ring::{Placement, Ring};
+pub(crate) use ring::{Placement, Ring};
 
 use bulk::{Bulk, Weigh};
 use glam::DVec3;

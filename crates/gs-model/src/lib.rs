@@ -38,7 +38,7 @@
 //!
 //! - No input makes a function panic, and no allocation exceeds a small multiple of the input's
 //!   size, whatever counts the input claims. The sizes of images are bounded
-//!   ([`camera::MAX_IMAGE_EDGE`], [`camera::MAX_IMAGE_PIXELS`]).
+//!   ([`Camera::image_fits`]).
 //! - Writing a scene and reading it back gives the same bits.
 //! - Results do not depend on the number of threads.
 //! - A scene that [`ply::read`] returns is valid: every number finite, every quaternion with a

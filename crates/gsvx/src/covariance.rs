@@ -12,7 +12,7 @@
 use multiversion::multiversion;
 
 /// Coordinates of a symmetric 3x3 matrix in an orthonormal basis (Frobenius norm).
-pub type Coordinates = [f32; 6];
+pub(crate) type Coordinates = [f32; 6];
 
 const INV_SQRT_2: f32 = std::f32::consts::FRAC_1_SQRT_2;
 /// 1 / sqrt 3.

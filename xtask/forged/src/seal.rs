@@ -6,7 +6,7 @@ use gsvx::{Index, SIGNATURE};
 use super::forge::head;
 
 /// Bytes before the head's body: signature, version, length of the body.
-const PREAMBLE: usize = SIGNATURE.len() + 5;
+pub(crate) const PREAMBLE: usize = SIGNATURE.len() + 5;
 
 /// Makes all checksums those of the bytes, as far as the head can be read: a decoder refuses the rest.
 pub(crate) fn repair(bytes: &mut [u8]) {

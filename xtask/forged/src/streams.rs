@@ -6,7 +6,7 @@ use gsvx::{Index, Kind};
 use testing::Rng;
 
 use crate::forge::{Layers, assemble, damage, head, take_apart};
-use crate::seal;
+use crate::seal::{self, PREAMBLE};
 
 macro_rules! golden {
     ($($name:literal),*) => {
@@ -71,15 +71,15 @@ pub fn stream(number: u64) -> Vec<u8> {
     let mut bytes = own.bytes.to_vec();
     let head = own.index.head_len as usize;
     match number % 8 {
-        0 => bytes_changed(&mut bytes, 13..head - 4, rng),
+        0 => bytes_changed(&mut bytes, PREAMBLE..head - 4, rng),
         1 => bytes_changed(&mut bytes, head..own.bytes.len(), rng),
         2 => return exchanged(own, rng),
         3 => return claimed(own, rng),
         4 => return damaged(own, rng),
         5 => {
             let body = [u32::MAX, 1 << 26, rng.bits() as u32][rng.below(3)];
-            bytes[9..13].copy_from_slice(&(body >> rng.below(3)).to_le_bytes());
-            bytes.truncate(13 + rng.below(bytes.len() - 12));
+            bytes[PREAMBLE - 4..PREAMBLE].copy_from_slice(&(body >> rng.below(3)).to_le_bytes());
+            bytes.truncate(PREAMBLE + rng.below(bytes.len() - PREAMBLE + 1));
         }
         6 => {
             bytes_changed(&mut bytes, 0..own.bytes.len(), rng);

@@ -9,11 +9,11 @@ use crate::error::{Error, Result};
 
 /// Longest edge of an image, in pixels. It is the longest edge that a JPEG file can hold, and no
 /// camera needs more.
-pub const MAX_IMAGE_EDGE: u32 = 65_535;
+const MAX_IMAGE_EDGE: u32 = 65_535;
 
 /// Most pixels of an image. It is the limit of COLMAP, which computes the bytes of an RGB image,
 /// `width * height * 3`, in a C++ `int` (`Bitmap` in `src/colmap/sensor/bitmap.cc`).
-pub const MAX_IMAGE_PIXELS: u64 = i32::MAX as u64 / 3;
+const MAX_IMAGE_PIXELS: u64 = i32::MAX as u64 / 3;
 
 /// How far the product of a rotation and its transpose may be from the identity.
 const ORTHONORMAL: f64 = 1e-3;
@@ -119,7 +119,7 @@ impl Camera {
         Self { rotation: self.rotation * turn, ..self.clone() }
     }
 
-    /// True if the image is within [`MAX_IMAGE_EDGE`] and [`MAX_IMAGE_PIXELS`]. Every camera that
+    /// True if the image has at most 65,535 pixels along an edge and 715,827,882 in all. Every camera that
     /// this crate reads is.
     #[must_use]
     pub fn image_fits(&self) -> bool {

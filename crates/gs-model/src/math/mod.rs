@@ -32,7 +32,7 @@ pub use rotation::{quaternion, quaternion_product, rotation, scaled_rotation, un
 pub(crate) use smallest::{completed, smallest_three, unit};
 
 /// Rows of a 3x3 matrix.
-pub type Matrix<T = f64> = [[T; 3]; 3];
+pub(crate) type Matrix<T = f64> = [[T; 3]; 3];
 
 /// A symmetric 3x3 matrix as `[xx, yy, zz, xy, xz, yz]`.
 pub type Symmetric<T = f64> = [T; 6];
