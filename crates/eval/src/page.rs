@@ -67,6 +67,13 @@ impl Table {
         format!("{}|---|{rule}\n{rows}\n", line(&self.header))
     }
 
+    /// As comma-separated values, for what is too long for a page.
+    fn csv(&self) -> String {
+        let line = |cells: &Vec<String>| cells.join(",") + "\n";
+        let header = self.header.iter().map(|name| name.replace(',', "")).collect();
+        line(&header) + &self.rows.iter().map(line).collect::<String>()
+    }
+
     /// For a terminal: columns aligned.
     pub(crate) fn plain(&self) -> String {
         let width = |c: usize| {
@@ -92,6 +99,8 @@ impl Table {
 pub struct Page {
     out: PathBuf,
     text: String,
+    /// Tables beside the page, with the names of their files.
+    data: Vec<(PathBuf, Table)>,
     /// With the names of their files.
     charts: Vec<(PathBuf, Chart)>,
 }
@@ -101,7 +110,7 @@ impl Page {
     #[must_use]
     pub fn new(out: &Path, title: &str) -> Self {
         let out = scenes::root().join(out);
-        Self { out, text: format!("# {title}\n\n"), charts: Vec::new() }
+        Self { out, text: format!("# {title}\n\n"), data: Vec::new(), charts: Vec::new() }
     }
 
     /// Adds a paragraph, or a heading with its `##`.
@@ -115,6 +124,14 @@ impl Page {
         self.text += &table.markdown();
     }
 
+    /// Adds a table in a file of its own, which has the page's name, and a sentence that ends in its name.
+    pub(crate) fn data(&mut self, sentence: &str, table: Table) {
+        let out = self.out.with_extension("csv");
+        let file = out.file_name().unwrap_or_default().to_string_lossy();
+        self.text += &format!("{sentence} [{file}]({file}).\n\n");
+        self.data.push((out, table));
+    }
+
     /// Adds a picture, which has the page's name and `suffix`.
     pub(crate) fn chart(&mut self, suffix: &str, chart: Chart) {
         let stem = self.out.file_stem().unwrap_or_default().to_string_lossy();
@@ -123,7 +140,7 @@ impl Page {
         self.charts.push((self.out.with_file_name(file), chart));
     }
 
-    /// Writes the page and its pictures.
+    /// Writes the page, its pictures and its data.
     ///
     /// # Errors
     /// If a file cannot be written.
@@ -136,6 +153,9 @@ impl Page {
             std::fs::write(path, text).with_context(|| format!("write {}", path.display()))
         };
         put(&self.out, &format!("{}\n", self.text.trim_end()))?;
+        for (path, table) in &self.data {
+            put(path, &table.csv())?;
+        }
         for (path, chart) in &self.charts {
             put(path, &chart.svg()?)?;
         }
@@ -158,15 +178,23 @@ mod tests {
     }
 
     #[test]
-    fn a_page_is_written_with_its_pictures() {
+    fn a_page_is_written_with_its_pictures_and_data() {
         let dir = tempfile::tempdir().unwrap();
         let out = dir.path().join("folder/page.md");
         let mut page = Page::new(&out, "Why?");
         page.text("Because.");
         page.chart("-fox", crate::chart::tests::sample());
+        let mut table = Table::new("name | n, m");
+        table.row("a | 10");
+        page.data("All:", table);
         page.write().unwrap();
         let text = std::fs::read_to_string(&out).unwrap();
-        assert_eq!(text, "# Why?\n\nBecause.\n\n![a < b](page-fox.svg)\n");
+        assert_eq!(
+            text,
+            "# Why?\n\nBecause.\n\n![a < b](page-fox.svg)\n\nAll: [page.csv](page.csv).\n"
+        );
+        let csv = std::fs::read_to_string(out.with_extension("csv")).unwrap();
+        assert_eq!(csv, "name,n m\na,10\n");
         assert!(out.with_file_name("page-fox.svg").is_file());
     }
 

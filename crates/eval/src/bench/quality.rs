@@ -62,9 +62,9 @@ pub fn run(options: &QualityOptions) -> Result<()> {
     let mut table = Table::new(
         "model | quality | bytes | PSNR dB | worst view dB | SSIM | SSIMULACRA2 | worst view | lost dB | enough",
     );
-    let mut enough = QUALITIES.map(|_| true);
+    let mut worst = QUALITIES.map(|_| Worst::default());
     for model in &models {
-        for (quality, enough) in QUALITIES.iter().zip(&mut enough) {
+        for (quality, worst) in QUALITIES.iter().zip(&mut worst) {
             let (Record { bytes, score, .. }, lost) =
                 model.coded(&gsvx, &format!("--quality={quality}"))?;
             let (db, worst_db) = (score.psnr_db, score.worst(|v| v.psnr_db));
@@ -73,7 +73,7 @@ pub fn run(options: &QualityOptions) -> Result<()> {
                 && score.ssim >= ENOUGH_SSIM
                 && worst_third >= ENOUGH_SSIMULACRA2
                 && lost.is_none_or(|lost| lost <= MOST_LOST_DB);
-            *enough &= is_enough;
+            worst.add([worst_db, score.ssim, worst_third], lost, is_enough);
             let (ssim, lost) = (score.ssim, number(lost, 3));
             let (name, says) = (&model.name, if is_enough { "yes" } else { "no" });
             table.told(format!(
@@ -91,7 +91,8 @@ pub fn run(options: &QualityOptions) -> Result<()> {
             bounded.told(format!("{name} | `{setting}` | {bytes} | {bits:.1} | {db:.2}"));
         }
     }
-    let least = QUALITIES.iter().zip(enough).find(|(_, enough)| *enough);
+    let all = models.len();
+    let least = QUALITIES.iter().zip(&worst).find(|(_, worst)| worst.enough == all);
     let least = least.map_or("none".into(), |(quality, _)| quality.to_string());
     let mut page = Page::new(&options.out, "What is lost?");
     page.text(
@@ -103,13 +104,45 @@ pub fn run(options: &QualityOptions) -> Result<()> {
          and at most {MOST_LOST_DB} dB lost: {least}. The default is {}.",
         ::gsvx::DEFAULT_QUALITY
     ));
-    page.table(&table);
+    let mut summary = Table::new(
+        "quality | worst view dB | least SSIM | worst SSIMULACRA2 | most lost dB | enough on",
+    );
+    for (quality, Worst { scores: [db, ssim, third], lost, enough }) in QUALITIES.iter().zip(worst)
+    {
+        summary.row(format!(
+            "{quality} | {db:.2} | {ssim:.4} | {third:.2} | {lost:.3} | {enough} of {all}"
+        ));
+    }
+    page.table(&summary);
+    page.data("Each model:", table);
     page.text("## Between the best quality and lossless");
     page.text(
         "`--max-error` merges no Gaussian and bounds the error of every attribute ([accuracy.md](../accuracy.md)).",
     );
     page.table(&bounded);
     page.write()
+}
+
+/// The worst of all models at a quality, and how many of them it is enough for.
+struct Worst {
+    /// PSNR of a view, SSIM, SSIMULACRA2 of a view.
+    scores: [f64; 3],
+    lost: f64,
+    enough: usize,
+}
+
+impl Default for Worst {
+    fn default() -> Self {
+        Self { scores: [f64::INFINITY; 3], lost: f64::NEG_INFINITY, enough: 0 }
+    }
+}
+
+impl Worst {
+    fn add(&mut self, scores: [f64; 3], lost: Option<f64>, is_enough: bool) {
+        self.scores.iter_mut().zip(scores).for_each(|(worst, score)| *worst = worst.min(score));
+        self.lost = lost.map_or(self.lost, |lost| self.lost.max(lost));
+        self.enough += usize::from(is_enough);
+    }
 }
 
 /// The models of a folder, by name; none if it is not there.

@@ -49,7 +49,7 @@ pub fn run(options: &SizeOptions) -> Result<()> {
         "BD-rate of gsvx with cameras, %, by PSNR / SSIM / SSIMULACRA2. A dash: not recorded, or no common range.",
     );
     page.table(&against(&runs, &scenes));
-    page.table(&points(&runs)?);
+    page.data("The points of gsvx:", points(&runs)?);
     page.text("Strategies of voxelization: [voxel](../../crates/voxel/README.md).");
     page.write()
 }

@@ -30,13 +30,13 @@ pub(super) fn page(options: &TuneBenchOptions, scenes: &[Scene]) -> Page {
          row. \"Elsewhere\" is the PSNR against renders of the model as it was trained, at views between the cameras, beside them and farther back; after it that of `gsvx encode --cameras SCENE` at these bytes. \"At\" is the bytes against `gsvx encode --cameras SCENE --drop-unseen` ([rd.md](rd.md)) of equal score. Distil: renders of the model as targets.",
         names.join(" "),
     ));
-    page.text(format!("As trained: {}. Bold: at or above that.", models.join("; ")));
+    page.text(format!("As trained: {}.", models.join("; ")));
     if let Some(scene) = scenes.first() {
         page.chart("", chart(scene));
     }
     page.text("BD-rate against untuned:");
     page.table(&bd_table(scenes));
-    page.table(&points_table(scenes));
+    page.data("Each run:", points_table(scenes));
     page.text("A model without photos is tuned to its own renders: [real-size.md](real-size.md).");
     page.text(ONE_RUN);
     page
@@ -80,11 +80,8 @@ fn points_table(scenes: &[Scene]) -> Table {
         let elsewhere: Vec<bd::Point> = scene.untuned_all.iter().filter_map(point).collect();
         let runs = scene.tuned.iter().filter(|(how, _)| *how != StreamKind::DISTIL);
         for (how, p) in runs.flat_map(|(how, points)| points.iter().map(|p| (how.name, p))) {
-            let [db, ssim, third] = Metric::ALL.map(|metric| {
-                let value = metric.of(&p.score);
-                let bold = if value >= metric.of(&scene.original.score) { "**" } else { "" };
-                format!("{bold}{}{bold}", metric.words(value).trim_end_matches(" dB"))
-            });
+            let [db, ssim, third] = Metric::ALL
+                .map(|metric| metric.words(metric.of(&p.score)).trim_end_matches(" dB").to_owned());
             let against = |metric: Metric| {
                 let rate = bd::rate_at(&rates(&scene.untuned, metric), metric.of(&p.score));
                 signed(rate.and_then(|rate| off(p.bytes, rate)), 1, "")
