@@ -67,11 +67,11 @@ impl Table {
         format!("{}|---|{rule}\n{rows}\n", line(&self.header))
     }
 
-    /// As comma-separated values, for what is too long for a page.
+    /// As comma-separated values, for what is too long for a page; the cells lose their own commas.
     fn csv(&self) -> String {
-        let line = |cells: &Vec<String>| cells.join(",") + "\n";
-        let header = self.header.iter().map(|name| name.replace(',', "")).collect();
-        line(&header) + &self.rows.iter().map(line).collect::<String>()
+        let cell = |cell: &String| cell.replace(',', "");
+        let line = |row: &Vec<String>| row.iter().map(cell).collect::<Vec<_>>().join(",") + "\n";
+        [&self.header].into_iter().chain(&self.rows).map(line).collect()
     }
 
     /// For a terminal: columns aligned.

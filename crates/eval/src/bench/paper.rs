@@ -53,7 +53,7 @@ struct ScenePart {
     depth: u8,
     /// Claims, what the paper says, and what holds here.
     claims: Vec<[String; 3]>,
-    voxelizations: Table,
+    rows: Vec<Row>,
 }
 
 /// Measures and writes the page.
@@ -83,10 +83,7 @@ pub fn run(options: &PaperOptions) -> Result<()> {
     }
     page.table(&table);
     page.text(HOW_TO_READ);
-    for (name, part) in scenes.iter().zip(&parts) {
-        page.text(format!("## Voxelizations: {name}"));
-        page.table(&part.voxelizations);
-    }
+    page.data("Voxelizations beside each other:", voxelizations(scenes, &parts));
     page.write()
 }
 
@@ -222,7 +219,7 @@ fn part(name: &str, options: &PaperOptions) -> Result<ScenePart> {
     let what = "the authors' published points";
     claim(what, &published_rates()?, String::new());
 
-    Ok(ScenePart { depth, claims, voxelizations: voxelizations(&rows) })
+    Ok(ScenePart { depth, claims, rows })
 }
 
 /// The voxelizations of the page about a uniform depth.
@@ -298,15 +295,17 @@ fn published_rates() -> Result<String> {
     Ok(format!("{}, {}", rate("playroom")?, rate("truck")?))
 }
 
-fn voxelizations(rows: &[Row]) -> Table {
+fn voxelizations(scenes: &[String], parts: &[ScenePart]) -> Table {
     let mut table = Table::new(
-        "octree | Gaussians | bytes of positions | equation 4, to uniform J | initialised as the paper, dB | by moments, dB",
+        "scene | octree | Gaussians | bytes of positions | equation 4, to uniform J | initialised as the paper, dB | by moments, dB",
     );
-    for row in rows {
+    let rows = scenes.iter().zip(parts).flat_map(|(name, part)| {
+        part.rows.iter().map(move |row| (name, row, row.distortion / part.rows[1].distortion))
+    });
+    for (name, row, distortion) in rows {
         let Row { what, leaves, geometry, initialised, moments, .. } = row;
-        let distortion = row.distortion / rows[1].distortion;
         table.row(format!(
-            "{what} | {leaves} | {geometry} | {distortion:.2} | {initialised:.2} | {moments:.2}"
+            "{name} | {what} | {leaves} | {geometry} | {distortion:.2} | {initialised:.2} | {moments:.2}"
         ));
     }
     table
