@@ -83,7 +83,7 @@ fn single_precision(page: &mut Page, args: &StressOptions, figures: &[Figure]) {
         args.many as f64
     ));
     let mut table = Table::new(
-        "what, in which unit | first input | greatest error | where | greatest error / bound | where",
+        "what, unit | first input | greatest error | where | greatest error / bound | where",
     );
     for stage in distinct(figures.iter().map(|f| f.stage)) {
         let of: Vec<&Figure> = figures.iter().filter(|f| f.stage == stage).collect();

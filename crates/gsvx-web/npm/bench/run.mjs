@@ -129,12 +129,7 @@ try {
 (${megabytes(size('model4.spz'))} MB) of 8 bits per SH coefficient, PLY is ${megabytes(size('model.ply'))} MB. ${cpus()[0].model},
 ${cpus().length} cores; Node ${process.version}, Chromium ${version}.
 
-## What a page loads
-
-| package | bytes, gzip |
-|---|---:|
-| gsvx: decoder, loader and worker | ${ours.toLocaleString('en')} |
-| @adobe/spz 0.2.3 | ${spz.toLocaleString('en')} |
+A page loads ${ours.toLocaleString('en')} bytes (gzip) of gsvx, ${spz.toLocaleString('en')} of @adobe/spz 0.2.3.
 
 ## Beside another decoder
 

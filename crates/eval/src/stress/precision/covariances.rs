@@ -56,7 +56,7 @@ fn family(name: &'static str, make: Make) -> Vec<Figure> {
         barycenter_of_one_frame(&mut w2, q, &all);
     }
     vec![
-        logarithms.figure("log-Euclidean coordinates there and back, log-scales", name),
+        logarithms.figure("log-Euclidean and back, log-scales", name),
         variances.figure("covariance taken apart, of the greatest size", name),
         w2.figure("W2 barycenter, of the greatest variance", name),
     ]

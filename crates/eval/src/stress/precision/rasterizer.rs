@@ -67,7 +67,7 @@ fn inputs() -> Vec<Input> {
             camera: beside(),
         },
         Input {
-            name: "needles of 1:1e5, as far from the origin",
+            name: "needles, far from the origin",
             scene: with(&distant, &needle),
             camera: beside(),
         },

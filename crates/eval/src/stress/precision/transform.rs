@@ -41,9 +41,7 @@ pub(super) fn figures(many: usize) -> Vec<Figure> {
     let mut out = both("1e7 leaves in one tree, values to 1", &plan, &mut unit);
     drop(plan);
     let mut values = Rng::seeded(13);
-    out.extend(both("values of 1e4 and differences of 1", &few, &mut || {
-        1e4 + f64::from(values.signed())
-    }));
+    out.extend(both("values near 1e4", &few, &mut || 1e4 + f64::from(values.signed())));
     let mut values = Rng::seeded(14);
     let mut wide = || f64::from(values.signed()) * libm::exp(9.0 * f64::from(values.signed()));
     out.extend(both("values of 1e-4 to 1e4", &few, &mut wide));
@@ -91,6 +89,6 @@ fn both(name: &'static str, plan: &RahtPlan, value: &mut dyn FnMut() -> f64) -> 
     }
     vec![
         there.figure("RAHT, of the greatest value", name),
-        back.figure("RAHT there and back, of the greatest value", name),
+        back.figure("RAHT and back, of the greatest value", name),
     ]
 }
