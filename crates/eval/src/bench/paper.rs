@@ -210,7 +210,7 @@ fn part(name: &str, options: &PaperOptions) -> Result<ScenePart> {
     let what = "section 4.2: the paper, fine-tuned, against SPZ";
     claim(what, "less by large margins", against_spz);
     claim("gsvx against the paper, neither tuned", "", bd(&paper_untuned, &gsvx));
-    let what = "one run of `gsvx tune --effort quick --qualities`, six streams, against the paper, fine-tuned";
+    let what = "`gsvx tune --effort quick --qualities`, six streams, against the paper, fine-tuned";
     claim(what, "its promise", bd(&paper, &one_tune));
     claim("the same against gsvx untuned", "", bd(&gsvx, &one_tune));
     let what = "a run for each rate, against the paper, fine-tuned once";

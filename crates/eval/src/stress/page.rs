@@ -79,8 +79,10 @@ pub(super) fn page(
 fn single_precision(page: &mut Page, args: &StressOptions, figures: &[Figure]) {
     page.text("## Single precision");
     page.text(format!(
-        "Stages against the same formulae in double precision, on inputs where precision gives way. The sums of 1e7 have {:.0e} terms.",
-        args.many as f64
+        "Stages against the same formulae in double precision, on inputs where precision gives way, sums of {:.0e} terms among them. \
+         The greatest error over its bound is {:.2}.",
+        args.many as f64,
+        figures.iter().map(|f| f.ratio).fold(0.0, f64::max),
     ));
     let mut table = Table::new(
         "what, unit | first input | greatest error | where | greatest error / bound | where",
@@ -94,7 +96,7 @@ fn single_precision(page: &mut Page, args: &StressOptions, figures: &[Figure]) {
             of[0].error, error.error, error.input, ratio.ratio, ratio.input
         ));
     }
-    page.table(&table);
+    page.data("Each stage:", table);
 }
 
 /// Each once, in order.

@@ -42,10 +42,10 @@ const EQUAL: f64 = 100.0;
 
 impl Bench<'_> {
     fn encode(&self) -> Result<Family> {
-        let about = "PSNR against renders of the input, at the held-out views.";
+        let about = "PSNR against renders of the input.";
         let mut family = Family::new("Encode", about, "bytes | PSNR, dB");
         for (words, buys) in [
-            ("--no-estimate --quality=30", "the fewest that are of use"),
+            ("--no-estimate --quality=30", "the fewest of use"),
             ("--no-estimate --quality=50", "web pages"),
             ("--no-estimate --quality=65", "half the steps"),
             ("--no-estimate", "again: the default quality, 80"),
@@ -92,7 +92,7 @@ impl Bench<'_> {
     }
 
     fn decode(&self) -> Result<Family> {
-        let about = "A stream of the default quality with levels of detail, to a PLY; PSNR against renders of the input.";
+        let about = "A stream with levels of detail, to a PLY.";
         let mut family = Family::new("Decode", about, "Gaussians | PSNR, dB");
         let stream = self.dir.path().join("c.gsvx");
         let mut command = self.gsvx.words(["encode", "--lod", "--no-estimate"]);

@@ -34,7 +34,7 @@ pub fn run(options: &ErrorOptions) -> Result<()> {
     let mut page = Page::new(&options.out, "What does accuracy cost?");
     page.text(format!(
         "`cargo xtask bench-error {}`: {} Gaussians, {} held-out views. {}. Stages: within one process, the best of {} runs; \
-         commands: whole processes. \"Buys\": what a row gives or leaves out beside the one before.",
+         commands: whole processes. \"Buys\": beside the row before.",
         options.scene,
         study.test.model.len(),
         study.test.held_out.len(),

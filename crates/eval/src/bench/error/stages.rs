@@ -70,7 +70,7 @@ fn rasterizer(study: &Study) -> Family {
         family.row(what, seconds, none, &format!("{} | {}", small(same), small(none)), buys);
     };
     add("f64, no cuts, one thread", (all.clone(), slow), "the reference");
-    let buys = "no alpha below 1/255, no transmittance below 1e-4";
+    let buys = "alpha from 1/255, transmittance from 1e-4";
     add("f64, cuts of 3DGS, one thread", (cut.clone(), cut_slow), buys);
     let inria = RenderOptions { profile: Profile::Reference, ..RenderOptions::default() };
     let buys = "f32, vectors, all cores, Inria's tiles";
@@ -113,7 +113,7 @@ fn transforms(scene: &Scene, plan: &RahtPlan) -> Result<Family> {
     });
     let double = double?;
     let error = most(&|i, c| double[c][i]);
-    family.row("RAHT in f64, a channel at a time", seconds, error, &small(error), "the reference");
+    family.row("RAHT in f64", seconds, error, &small(error), "the reference");
     let (rows, seconds) = best(|| -> Result<Rows> {
         let mut rows = Rows::new(n, channels);
         (0..n).for_each(|i| rows.row_mut(i).copy_from_slice(&values[i * channels..][..channels]));
@@ -123,7 +123,7 @@ fn transforms(scene: &Scene, plan: &RahtPlan) -> Result<Family> {
     });
     let rows = rows?;
     let error = most(&|i, c| f64::from(rows.row(i)[c]));
-    let buys = "all channels of a node together; what streams use";
+    let buys = "as streams have it";
     family.row("RAHT in f32", seconds, error, &small(error), buys);
     // As integers of 16 bits.
     let step = largest / f64::from(i16::MAX);
@@ -143,8 +143,8 @@ fn transforms(scene: &Scene, plan: &RahtPlan) -> Result<Family> {
     });
     anyhow::ensure!(exact?, "the lifting transform is not exact");
     let error = 0.5 * step / largest;
-    let buys = "exact on integers; the error is that of 16 bits";
-    family.row("predictive lifting with update, integers", seconds, error, &small(error), buys);
+    let buys = "the error is that of 16 bits";
+    family.row("lifting, integers", seconds, error, &small(error), buys);
     Ok(family)
 }
 
@@ -153,18 +153,14 @@ fn voxelizations(study: &Study, depth: u8) -> Result<Family> {
     let cube = voxel::cube_of(&scene.means)?;
     let mut family = Family::new(
         "Voxelizations",
-        "Merged by moments, one row by W2 barycenters. The error is the paper's equation 4, relative to that of uniform J; the PSNR is that at the held-out photos.",
+        "Merged by moments, one row by W2 barycenters. The error is equation 4, relative to that of uniform J; PSNR at the held-out photos.",
         "Gaussians | equation 4 | PSNR, dB",
     );
     let strategies = [
-        ("uniform, J", Strategy::Uniform { depth }, "renders like the original to 40 dB"),
+        ("uniform, J", Strategy::Uniform { depth }, "like the original to 40 dB"),
         ("uniform, J-1", Strategy::Uniform { depth: depth - 1 }, "twice the side"),
-        ("the paper's criteria, J-3 to J+5", criteria(depth), "depth by density, size and offset"),
-        (
-            "rate-distortion, as `encode` without cameras",
-            like_uniform(scene, &cube, depth)?,
-            "depth by loss over bits",
-        ),
+        ("criteria, J-3 to J+5", criteria(depth), "depth by density, size and offset"),
+        ("rate-distortion", like_uniform(scene, &cube, depth)?, "depth by loss over bits"),
     ];
     let mut uniform = f64::NAN;
     for (what, strategy, buys) in strategies {
@@ -185,7 +181,7 @@ fn voxelizations(study: &Study, depth: u8) -> Result<Family> {
             let (merged, more) = timed(|| barycenters(scene, &voxels, merged));
             let db = measure::psnr_db(&merged, &study.test.held_out);
             let cells = format!("{} | {error:.2} | {db:.2}", voxels.len());
-            let buys = "the least equation 4, which moments nearly reach";
+            let buys = "the least equation 4";
             family.row("the same, W2 barycenters", seconds + more, error, &cells, buys);
         }
     }
@@ -247,7 +243,7 @@ fn covariances(scene: &Scene, plan: &RahtPlan) -> Result<Family> {
     let mut family = Family::new(
         "Covariances",
         format!(
-            "Of {} voxels. The error is the root mean square of the W2 distance over the root of the trace.",
+            "Of {} voxels. The error is the W2 distance over the root of the trace, root mean square.",
             scene.len()
         ),
         "bits per Gaussian | error",
