@@ -2,46 +2,36 @@
 
 mod attribute_errors;
 mod batch;
-mod compare;
+mod commands;
 mod content;
-mod convert;
-mod decode;
 mod describe;
 mod doubts;
-mod encode;
 mod exit;
 mod follow;
 mod format;
 mod glb;
-mod info;
 mod input;
 mod interrupt;
-mod join;
 mod ledger;
-mod lod;
 mod loss;
 mod max_error;
 mod memory;
 mod orbit;
 mod output;
-mod paper_tune;
 mod photos;
 mod pictures;
-mod plan;
 mod positional;
 mod progress;
 mod region;
-mod render;
 mod report;
 mod scale;
 mod size;
 mod stream_file;
-mod tune;
-mod view;
 mod views;
 
 use anyhow::Context;
 use clap::{Parser, Subcommand};
+use commands::{compare, convert, decode, encode, info, join, lod, plan, render, tune, view};
 use report::Reporter;
 
 /// Compress trained 3D Gaussian splatting scenes.

@@ -14,9 +14,9 @@ mod setup;
 mod thinned;
 mod work;
 
+use crate::commands::join::ScenePart;
 use crate::content::SceneArgs;
 use crate::exit::usage;
-use crate::join::ScenePart;
 use crate::output::{Output, counted};
 use crate::report::Reporter;
 use crate::views::Origin;

@@ -4,7 +4,7 @@ use super::cameras::PlanCameras;
 use super::plan_file::PlanFile;
 use super::rows::TileRows;
 use super::scratch::Scratch;
-use crate::join;
+use crate::commands::join;
 use crate::output::{Output, counted};
 use crate::progress::Meter;
 use crate::report::Reporter;

@@ -4,11 +4,11 @@ mod by_cameras;
 mod summary;
 
 use crate::batch::{self, Job};
+use crate::commands::join::{self, ScenePart};
 use crate::content::{CONTENT, LARGE, SceneArgs};
 use crate::exit::{missed, note, usage};
 use crate::format::{STREAM, is_stream_name};
 use crate::input::{self, LoadedModel};
-use crate::join::{self, ScenePart};
 use crate::output::{Output, counted};
 use crate::report::Reporter;
 use crate::views::Origin;

@@ -1,14 +1,14 @@
 //! `gsvx tune`.
 
-use crate::compare::words;
+use crate::commands::compare::words;
+use crate::commands::info::parts;
+use crate::commands::paper_tune::{self, PaperArgs, PaperJob};
 use crate::content::quality;
 use crate::exit::{missed, note, usage};
 use crate::follow::{Follower, duration};
-use crate::info::parts;
 use crate::input::{self, Reading};
 use crate::orbit::Orbit;
 use crate::output::{Output, empty_folder};
-use crate::paper_tune::{self, PaperArgs, PaperJob};
 use crate::progress::Meter;
 use crate::report::Reporter;
 use crate::views::{self, Origin, PlacedCameras};
@@ -74,7 +74,7 @@ pub(crate) struct TuneArgs {
     #[arg(long, value_name = "SIZE", group = "target", value_parser = size::bytes)]
     target_bytes: Option<u64>,
     /// Smallest stream of this PSNR against the photos, in dB, at views kept aside.
-    #[arg(long, value_name = "DB", group = "target", value_parser = crate::encode::finite)]
+    #[arg(long, value_name = "DB", group = "target", value_parser = crate::commands::encode::finite)]
     target_psnr: Option<f64>,
     /// How long to tune.
     #[arg(long, default_value = "normal", value_name = "EFFORT", value_parser = efforts())]

@@ -1,9 +1,10 @@
 //! [`StreamMaker`]: streams of a model at the qualities that the page asks for.
 
 use super::answer::Answer;
+use crate::commands::encode;
 use crate::output::{self, Output, is_stdio};
 use crate::report::Reporter;
-use crate::{content, doubts, encode, exit, input, loss, views};
+use crate::{content, doubts, exit, input, loss, views};
 use anyhow::{Context, Result, anyhow, bail};
 use finetune::{LossViews, Viewpoint};
 use gs_model::{Camera, View};

@@ -7,7 +7,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 /// The viewer page, compressed by gzip; made by `cargo xtask web --page`.
-const PAGE: &[u8] = include_bytes!("../../view/index.html.gz");
+const PAGE: &[u8] = include_bytes!("../../../view/index.html.gz");
 
 /// The path under which a file is served. Its name is kept: the page shows it.
 pub(super) fn place(number: usize, file: &Path) -> String {

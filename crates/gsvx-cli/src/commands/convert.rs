@@ -1,10 +1,11 @@
 //! `gsvx convert`.
 
+use crate::commands::encode;
 use crate::exit::{note, usage};
 use crate::input::{self, Axes, ReadingAny};
 use crate::output::{Output, OutputFolder, Written, counted, parent};
 use crate::report::Reporter;
-use crate::{content, doubts, encode, format, glb, size, views};
+use crate::{content, doubts, format, glb, size, views};
 use anyhow::{Context, Result, bail};
 use gs_model::spz::{self, ShBits};
 use gs_model::{Format, Scene, sog};

@@ -1,7 +1,7 @@
 //! What `gsvx encode` says of a stream.
 
+use crate::commands::info::parts;
 use crate::content::transparent;
-use crate::info::parts;
 use crate::max_error;
 use crate::output::counted;
 use gsvx::{EncoderOutput, Measure, Missed, Preset};
