@@ -9,7 +9,6 @@ mod device;
 mod encode;
 mod epochs;
 mod error;
-mod fine_tune;
 mod forecast;
 mod options;
 mod photos;
@@ -18,12 +17,11 @@ mod probe;
 #[cfg(feature = "gpu")]
 mod program;
 mod progress;
-mod run;
+mod runs;
 mod scene_loop;
 mod stage;
 mod steering;
 mod targets;
-mod train;
 mod trainer;
 mod undistort;
 mod views;
@@ -34,12 +32,12 @@ pub use encode::{
     misfit,
 };
 pub use error::{Error, Result};
-pub use fine_tune::{FineTune, FineTuneOptions, FineTuned};
 pub use options::{DEFAULT_QUALITY, Layout, Target, TuneOptions};
 pub use photos::{Photos, at_camera, check_photos, photo, photos};
 pub use plan::{TuneEffort, TunePlan};
 pub use progress::{Progress, StageName, StopReason, TuneOutcome};
-pub use run::Tune;
+pub use runs::fine_tune::{FineTune, FineTuneOptions, FineTuned};
+pub use runs::train::{Train, TrainOptions, Trained};
+pub use runs::tune::Tune;
 pub use targets::Targets;
-pub use train::{Train, TrainOptions, Trained};
 pub use views::AgainstInput;
