@@ -19,26 +19,33 @@ EXACT = 255
 # Arrays of f32 with a row for each Gaussian. Rotations are w x y z, `sh` is (D + 1)^2 times red, green, blue.
 Scene = namedtuple("Scene", "means opacity_logits log_scales rotations sh")
 
+ChunkValues = namedtuple("ChunkValues", "codes weights attributes")
+
 # An entry of the index. A layer has a place in the stream, a length and a CRC-32C.
 Chunk = namedtuple("Chunk", "kind count first_cell box layers")
+
+def opened(stream, version):
+    """The body of a head of this version, and the head's length."""
+    start = Bytes(stream)
+    need(start.take(9) == b"\x89GSVX\r\n\x1a" + bytes([version]), "not a gsvx stream of this version")
+    body = start.number("I")
+    need(body <= 2**26, "the head is too long")
+    fields = Bytes(start.take(body))
+    need(crc32c(stream[:start.tell()]) == start.number("I"), "the head is damaged")
+    return fields, start.tell()
 
 class Head:
     """Section 2."""
 
     def __init__(self, stream):
-        start = Bytes(stream)
-        need(start.take(9) == b"\x89GSVX\r\n\x1a\x01", "not a gsvx stream of format 1")
-        body = start.number("I")
-        need(body <= 2**26, "the head is too long")
-        fields = Bytes(start.take(body))
-        need(crc32c(stream[:start.tell()]) == start.number("I"), "the head is damaged")
+        fields, at = opened(stream, 1)
         first, self.depth, *cube = fields.numbers("2B4d")
         self.degree, self.antialiased = first & 0x3F, bool(first & 0x40)
         self.corner, self.side = np.array(cube[:3]), cube[3]
         self.step_opacity, self.step_dc, *self.steps_sh, self.step_covariance = F(fields.numbers("6f")) * F(32)
         self.origin = fields.numbers("3d") if first & 0x80 else (0.0, 0.0, 0.0)
         count = fields.varint()
-        self.chunks, at = [], start.tell()
+        self.chunks = []
         for _ in range(fields.varint()):
             kind, number, first_cell = fields.number("B"), fields.varint(), fields.varint()
             self.chunks.append(Chunk(kind, number, first_cell, fields.numbers("6f"), []))
@@ -50,8 +57,9 @@ class Head:
         need(all(a < b or a[0] and b[0] for a, b in zip(order, order[1:])), "the chunks are not in order")
         need(count == sum(c.count for c in self.chunks if c.kind in (0, EXACT)), "a wrong number of Gaussians")
 
-def leaf_chunk(head, number, layers):
-    """Decodes a chunk of leaves (5 and 8), with the SH layers that are given (9)."""
+def chunk_values(head, number, layers):
+    """The values of a chunk of leaves (5 and 8), with the SH layers that are given (9), before they become Gaussians:
+    codes, weights, and of each attribute, the means first, a row per leaf."""
     base, J, chunk = Bytes(layers[0]), head.depth, head.chunks[number]
     a_importance, a_opacity, b_opacity, a_covariance, b_covariance = base.numbers("5b")
     block = Block(base.read())
@@ -69,12 +77,10 @@ def leaf_chunk(head, number, layers):
         note("leaf %d: code %d, depth %d, class %d" % (i, *leaf))
     weights = 4**classes
     raht = Raht(block, merges, weights)
-    v = raht.attribute(1, head.step_opacity)[:, 0]
-    opacity = opacity_logits(v + offset(depths, a_opacity, classes, b_opacity))
+    opacity = raht.attribute(1, head.step_opacity) + offset(depths, a_opacity, classes, b_opacity)[:, None]
     degrees = [raht.attribute(3, head.step_dc).reshape(-1, 1, 3)]
     v = raht.attribute(6, head.step_covariance)
     v[:, 0] += offset(depths, a_covariance, classes, b_covariance)
-    log_scales, rotations = covariances(v)
     block.end()
 
     for k in range(1, head.degree + 1):
@@ -82,7 +88,15 @@ def leaf_chunk(head, number, layers):
             degrees.append(sh_degree(k, layers[k], merges, weights, head.steps_sh[k - 1], degrees[-1]))
         else:
             degrees.append(np.zeros((chunk.count, 2 * k + 1, 3), F))
-    return Scene(means, opacity, log_scales, rotations, np.hstack([colours(values) for values in degrees]))
+    dc, *higher = (values.reshape(chunk.count, -1) for values in degrees)
+    return ChunkValues(codes, weights, [means, opacity, dc, v, *higher])
+
+def scene_of(values):
+    """Gaussians of the values of a chunk."""
+    means, opacity, dc, covariance, *higher = values.attributes
+    log_scales, rotations = covariances(covariance)
+    degrees = [colours(v.reshape(len(v), -1, 3)) for v in (dc, *higher)]
+    return Scene(means, opacity_logits(opacity[:, 0]), log_scales, rotations, np.hstack(degrees))
 
 def layer_bytes(stream, at, length, crc):
     data = stream[at:at + length]
@@ -105,7 +119,7 @@ def decode(stream, level=0, degree=3):
         if chunk.kind == EXACT:
             parts.append(scene_of_columns(exact_columns(layers[0], chunk.count, head.degree), head.degree))
         else:
-            parts.append(leaf_chunk(head, number, layers))
+            parts.append(scene_of(chunk_values(head, number, layers)))
     return Scene(*map(np.concatenate, zip(*parts)))
 
 if __name__ == "__main__":

@@ -376,6 +376,15 @@ impl<'a> Decoder<'a> {
         &self.skipped
     }
 
+    /// Decodes chunk after chunk, with what only the crate knows of them.
+    pub(crate) fn decoded(&self, mut take: impl FnMut(&DecodedChunk) -> Result<()>) -> Result<()> {
+        let mut chunk = DecodedChunk::default();
+        self.jobs.iter().try_for_each(|job| {
+            self.decode_job(job, &mut chunk)?;
+            take(&chunk)
+        })
+    }
+
     /// Decodes the wanted layers of a chunk.
     fn decode_job(&self, job: &Job, decoded: &mut DecodedChunk) -> Result<()> {
         (0..job.layers).try_for_each(|layer| self.decode_layer(job.chunk, layer, decoded))

@@ -17,6 +17,18 @@ pub enum Error {
         /// The version that this build reads.
         ours: u8,
     },
+    /// The stream is a sequence: see [`crate::sequence`].
+    #[error("a sequence of frames, not a static stream")]
+    IsSequence,
+    /// A frame does not fit those before it.
+    #[cfg(feature = "encode")]
+    #[error("a frame of SH degree {found}, where those before it have {expected}")]
+    FrameDegree {
+        /// Its SH degree.
+        found: u8,
+        /// Theirs.
+        expected: u8,
+    },
     /// The stream ends before a promised byte.
     #[error("stream truncated in {what}: {have} of {need} bytes at offset {offset}")]
     Truncated {
@@ -56,6 +68,18 @@ pub enum Error {
     /// The head's checksum does not match.
     #[error("the head is damaged: CRC-32C is {found:08x}, the head says {expected:08x}")]
     HeadChecksum {
+        /// Checksum in the head.
+        expected: u32,
+        /// Checksum of the bytes.
+        found: u32,
+    },
+    /// The checksum of a group of frames does not match.
+    #[error(
+        "group {group} of the sequence is damaged: CRC-32C is {found:08x}, the head says {expected:08x}"
+    )]
+    GroupChecksum {
+        /// Number of the group.
+        group: usize,
         /// Checksum in the head.
         expected: u32,
         /// Checksum of the bytes.

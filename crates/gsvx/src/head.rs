@@ -16,6 +16,8 @@ use std::ops::Range;
 pub const SIGNATURE: [u8; 8] = [0x89, b'G', b'S', b'V', b'X', 0x0d, 0x0a, 0x1a];
 /// The version of the format.
 pub const VERSION: u8 = 1;
+/// The version in the head of a sequence.
+pub(crate) const SEQUENCE_VERSION: u8 = 2;
 /// Bytes before the head's body, which tell how long the head is: signature, version and the length of the body.
 pub(crate) const PREAMBLE: usize = SIGNATURE.len() + 1 + 4;
 /// Greatest length of the head's body: the index of 2^20 chunks fits.
@@ -154,6 +156,11 @@ pub struct Index {
 /// [`Error::NotGsvx`], [`Error::Version`], [`Error::Truncated`] if `start` is too short, or [`Error::Corrupt`] for a
 /// head that is longer than any.
 pub(crate) fn head_len(start: &[u8]) -> Result<u64> {
+    head_len_of(VERSION, start)
+}
+
+/// The same for the head of a version.
+fn head_len_of(ours: u8, start: &[u8]) -> Result<u64> {
     let known = start.len().min(SIGNATURE.len());
     if known == 0 || start[..known] != SIGNATURE[..known] {
         return Err(Error::NotGsvx);
@@ -161,14 +168,49 @@ pub(crate) fn head_len(start: &[u8]) -> Result<u64> {
     let mut r = SliceReader::new(start, "head");
     r.take(SIGNATURE.len())?;
     let version = r.u8()?;
-    if version != VERSION {
-        return Err(Error::Version { version, ours: VERSION });
+    if version == SEQUENCE_VERSION && ours == VERSION {
+        return Err(Error::IsSequence);
+    }
+    if version != ours {
+        return Err(Error::Version { version, ours });
     }
     let body = r.u32()?;
     if body > LONGEST_BODY {
         return Err(corrupt("length of the head", body));
     }
     Ok((PREAMBLE + 4) as u64 + u64::from(body))
+}
+
+/// The body of a head of a version, whose checksum is right, and the length of the head.
+pub(crate) fn opened(version: u8, bytes: &[u8]) -> Result<(&[u8], u64)> {
+    let head_len = head_len_of(version, bytes)?;
+    let have = bytes.len() as u64;
+    // It is no longer than the longest, which fits 32 bits.
+    let head = bytes.get(..head_len as usize).ok_or(Error::Truncated {
+        what: "head",
+        offset: have,
+        need: head_len,
+        have,
+    })?;
+    let (checked, crc) = head.split_at(head.len() - 4);
+    let expected = u32::from_le_bytes([crc[0], crc[1], crc[2], crc[3]]);
+    let found = crc32c::crc32c(checked);
+    if found != expected {
+        return Err(Error::HeadChecksum { expected, found });
+    }
+    Ok((&checked[PREAMBLE..], head_len))
+}
+
+/// The head of a version with this body.
+#[cfg(feature = "encode")]
+pub(crate) fn closed(version: u8, body: &[u8]) -> Vec<u8> {
+    let mut out = Writer { bytes: SIGNATURE.to_vec() };
+    out.u8(version);
+    out.u32(body.len() as u32);
+    out.bytes.extend(body);
+    let crc = crc32c::crc32c(&out.bytes);
+    out.u32(crc);
+    out.bytes
 }
 
 impl Index {
@@ -178,22 +220,8 @@ impl Index {
     /// [`Error::NotGsvx`], [`Error::Version`], [`Error::Truncated`], [`Error::HeadChecksum`] or
     /// [`Error::Corrupt`]. Memory is in proportion to the bytes.
     pub fn parse(bytes: &[u8]) -> Result<Self> {
-        let head_len = head_len(bytes)?;
-        let have = bytes.len() as u64;
-        // It is no longer than the longest, which fits 32 bits.
-        let head = bytes.get(..head_len as usize).ok_or(Error::Truncated {
-            what: "head",
-            offset: have,
-            need: head_len,
-            have,
-        })?;
-        let (checked, crc) = head.split_at(head.len() - 4);
-        let expected = u32::from_le_bytes([crc[0], crc[1], crc[2], crc[3]]);
-        let found = crc32c::crc32c(checked);
-        if found != expected {
-            return Err(Error::HeadChecksum { expected, found });
-        }
-        let mut r = SliceReader::new(&checked[PREAMBLE..], "head");
+        let (body, head_len) = opened(VERSION, bytes)?;
+        let mut r = SliceReader::new(body, "head");
         let header = read_header(&mut r)?;
         let chunks = read_chunks(&mut r, &header, head_len)?;
         Ok(Self { header, chunks, head_len })
@@ -218,13 +246,7 @@ impl Index {
                 body.u32(layer.crc);
             }
         }
-        let mut out = Writer { bytes: SIGNATURE.to_vec() };
-        out.u8(VERSION);
-        out.u32(body.bytes.len() as u32);
-        out.bytes.extend(body.bytes);
-        let crc = crc32c::crc32c(&out.bytes);
-        out.u32(crc);
-        out.bytes
+        closed(VERSION, &body.bytes)
     }
 
     /// The head in front of layers that follow it back to back, and the same as bytes.

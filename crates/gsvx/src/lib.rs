@@ -16,6 +16,7 @@ pub mod importance;
 mod lossless;
 mod parallel;
 mod reader;
+pub mod sequence;
 
 pub use decode::{
     ALWAYS_ACCEPTED, DEFAULT_GROWTH, DecodeOptions, Decoded, Decoder, Source, decode,
@@ -25,8 +26,9 @@ pub use decode::{
 pub use encoder::{
     Aim, Choices, CoarseCells, CodeOptions, DEFAULT_QUALITY, EncodeOptions, EncodeProgress,
     EncodeWarning, Encoded, Encoder, EncoderOutput, ImportanceFrom, Joined, LEFT_OUT, Leaves,
-    MaxError, Measure, Missed, Plan, PrepareOptions, Prepared, Preset, Survey, check_values,
-    decimate, encode, encode_lossless, encode_voxels, join, latents, prepare, prune, rate,
+    MaxError, Measure, Missed, Plan, PrepareOptions, Prepared, Preset, SequenceEncoder,
+    SequenceOptions, Survey, check_values, decimate, encode, encode_lossless, encode_voxels, join,
+    latents, prepare, prune, rate,
 };
 pub use error::{Error, Result};
 pub use gpcc_lite::{Cube, Leaf, Octree};

@@ -56,3 +56,18 @@ fn the_trace_has_the_leaves_of_the_default_stream() {
     let found: Vec<&str> = trace.lines().filter(|l| l.starts_with("leaf ")).collect();
     assert_eq!(found, want);
 }
+
+#[cfg(feature = "encode")]
+#[test]
+fn golden_sequences_are_written_and_decode_to_the_recorded_floats() {
+    let folder = testing::fixture("sequences");
+    let list = std::fs::read_to_string(folder.join("hashes.txt")).expect("hashes.txt is there");
+    let lines: Vec<&str> = list.lines().filter(|l| !l.starts_with('#')).collect();
+    let sequences = golden::sequences();
+    assert_eq!(lines.len(), sequences.len());
+    for (line, (name, bytes)) in lines.iter().zip(sequences) {
+        let golden = std::fs::read(folder.join(&name)).expect(&name);
+        assert!(golden == bytes, "{name} differs from what this build encodes");
+        assert_eq!(*line, format!("{}  {name}", testing::sha256(&golden::decoded(&golden))));
+    }
+}

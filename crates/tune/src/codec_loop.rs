@@ -219,7 +219,7 @@ impl CodecLoop {
                 Attribute::Opacity => opacity,
                 Attribute::Colour { degree: 0 } => dc,
                 Attribute::Colour { .. } => ac,
-                Attribute::Covariance => covariance,
+                Attribute::Covariance | Attribute::Position => covariance,
             });
         }
         rates

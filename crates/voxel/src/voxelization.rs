@@ -7,7 +7,7 @@ use gpcc_lite::{Cube, Leaf, Octree};
 use rayon::prelude::*;
 
 use crate::error::Result;
-use crate::order::{CHUNK, MortonOrder};
+use crate::order::{CHUNK, MortonOrder, morton_codes};
 
 /// The leaves of a pruned octree and the Gaussians in each.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -143,6 +143,46 @@ impl Voxelization {
             members: self.members[start as usize..end as usize].to_vec(),
             dropped: Vec::new(),
         }
+    }
+
+    /// The same with each leaf whose members are to be `apart` cut into leaves of those whose cells differ at the greatest
+    /// depth. `means` are those of the scene.
+    ///
+    /// # Errors
+    /// As [`crate::morton_codes`].
+    pub fn split(&self, means: &[[f32; 3]], apart: impl Fn(&[u32]) -> bool) -> Result<Self> {
+        let depth = self.octree.depth();
+        let codes = morton_codes(means, &self.octree.cube(), depth)?;
+        let mut out = Self::empty(self.octree.cube(), depth)?;
+        let mut leaves = Vec::with_capacity(self.len());
+        out.member_offsets.clear();
+        for (i, &leaf) in self.octree.leaves().iter().enumerate() {
+            let members = self.members_of(i);
+            let start = out.members.len() as u32;
+            out.members.extend(members);
+            if !apart(members) {
+                leaves.push(leaf);
+                out.member_offsets.push(start);
+                continue;
+            }
+            let code = |m: usize| codes[members[m] as usize];
+            let firsts: Vec<usize> =
+                (0..members.len()).filter(|&m| m == 0 || code(m) != code(m - 1)).collect();
+            // The depth from which two cells differ.
+            let from = |a: u64, b: u64| depth - ((a ^ b).ilog2() / 3) as u8;
+            for (k, &m) in firsts.iter().enumerate() {
+                let before = k.checked_sub(1).map(|k| from(code(firsts[k]), code(m)));
+                let behind = firsts.get(k + 1).map(|&next| from(code(m), code(next)));
+                let own = leaf.depth.max(before.unwrap_or(0)).max(behind.unwrap_or(0));
+                let morton = code(m) >> (3 * (depth - own)) << (3 * (depth - own));
+                leaves.push(Leaf { morton, depth: own });
+                out.member_offsets.push(start + m as u32);
+            }
+        }
+        out.member_offsets.push(out.members.len() as u32);
+        out.octree = Octree::new(self.octree.cube(), depth, leaves)?;
+        out.dropped.clone_from(&self.dropped);
+        Ok(out)
     }
 
     /// Cuts the sorted Gaussians into leaves.

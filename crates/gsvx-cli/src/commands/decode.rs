@@ -1,6 +1,7 @@
 //! `gsvx decode`.
 
 use crate::batch::{self, Job};
+use crate::commands::sequence::{self, Decoding, FrameArgs};
 use crate::exit::note;
 use crate::format;
 use crate::input::{self, Limit};
@@ -24,6 +25,8 @@ Examples:
   gsvx decode scene.gsvx -o base.ply --max-sh-degree 0     base colour only
   gsvx decode scene.gsvx -o coarse.ply --lod 1             a coarser level of detail
   gsvx decode city.gsvx -o house.ply --box 3,0,-2,9,5,4    a part of it
+  gsvx decode clip.gsvx -o frame.ply --frame 17
+  gsvx decode clip.gsvx -o frames/ --frames 10..20
   curl https://example.org/scene.gsvx | gsvx decode - -o back.ply
   gsvx decode half.gsvx -o part.ply --salvage";
 
@@ -55,6 +58,8 @@ pub(crate) struct DecodeArgs {
     #[arg(long)]
     salvage: bool,
     #[command(flatten)]
+    frames: FrameArgs,
+    #[command(flatten)]
     limit: Limit,
     /// Replace an existing output.
     #[arg(long)]
@@ -64,6 +69,12 @@ pub(crate) struct DecodeArgs {
 /// Decodes the streams.
 pub(crate) fn run(args: &DecodeArgs, report: Reporter) -> Result<()> {
     let format = format::of_output(args.to, &args.output, Format::named(PLY))?;
+    if args.frames.any() || args.inputs.iter().any(|input| sequence::is_file(input)) {
+        let &DecodeArgs { ref inputs, ref output, max_sh_degree, salvage, limit, force, .. } = args;
+        let wanted = &args.frames;
+        let what = Decoding { inputs, output, wanted, max_sh_degree, salvage, limit, force };
+        return sequence::decode(&what, format, report);
+    }
     let jobs = batch::jobs(&args.inputs, &args.output, format.extensions[0], args.force)?;
     batch::run(&jobs, |job| decode_file(args, job, format, report))
 }

@@ -5,6 +5,7 @@ mod summary;
 
 use crate::batch::{self, Job};
 use crate::commands::join::{self, ScenePart};
+use crate::commands::sequence;
 use crate::content::{CONTENT, LARGE, SceneArgs};
 use crate::exit::{missed, note, usage};
 use crate::format::{STREAM, is_stream_name};
@@ -16,7 +17,10 @@ use crate::{loss, max_error, scale, size};
 use anyhow::Result;
 pub(crate) use by_cameras::{explained, meters};
 use gs_model::{Format, chain};
-use gsvx::{Aim, Choices, EncodeOptions, EncodeWarning, EncoderOutput, Leaves, MaxError, Measure};
+use gsvx::{
+    Aim, Choices, EncodeOptions, EncodeWarning, EncoderOutput, Leaves, MaxError, Measure,
+    SequenceOptions,
+};
 use indicatif::DecimalBytes;
 use serde_json::{Value, json};
 use std::time::Instant;
@@ -37,6 +41,7 @@ Examples:
   gsvx encode *.ply -o streams/                                one stream per model
   gsvx encode model.ply -o scene.gsvx --prune 0.2 --cameras data/fox
   gsvx encode tiles/*.ply -o city.gsvx --memory 1G             several models as one scene
+  gsvx encode frames/ -o clip.gsvx --fps 30                    a sequence
   gsvx encode city.plan --part 3/16 -o part-3.gsvx             see gsvx plan
   gsvx encode - -o - < model.ply > scene.gsvx";
 
@@ -100,6 +105,18 @@ pub(crate) struct EncodeArgs {
           value_parser = clap::value_parser!(u8).range(1..=21), hide_short_help = true,
           help_heading = EXPERTS)]
     j_low: Option<u8>,
+    /// Encode the models as the frames of a sequence, so many per second. A folder stands for the models in it.
+    ///
+    /// Frames go by the last number in their names. Where they have as many Gaussians as each other, a Gaussian is the
+    /// same in all of them.
+    #[arg(long, value_name = "FPS", value_parser = fps, hide_short_help = true, help_heading = sequence::HEADING,
+          conflicts_with_all = ["target_bytes", "target_psnr", "target_ssimulacra2", "target_mbit", "max_error",
+          "lossless", "cameras", "lod", "web", "memory", "part"])]
+    fps: Option<f32>,
+    /// With --fps: most frames that are coded together, 1 to 256. More make a smaller sequence, fewer a faster seek.
+    #[arg(long, value_name = "FRAMES", requires = "fps", default_value_t = 60, hide_short_help = true,
+          value_parser = clap::value_parser!(u16).range(1..=256), help_heading = sequence::HEADING)]
+    group: u16,
     /// Encode the K-th of N parts of a plan; the plan stands in the place of the model, and holds all choices.
     #[arg(long, value_name = "K/N", value_parser = join::part, hide_short_help = true,
           conflicts_with_all = ["rate", "lossless", "prune", "depth", "cameras", "lod", "web", "max_sh_degree",
@@ -149,6 +166,12 @@ fn fraction(text: &str) -> Result<f64, String> {
     Ok(value)
 }
 
+/// Frames per second on the command line.
+fn fps(text: &str) -> Result<f32, String> {
+    let fits = |v: &f64| (0.001..=1000.0).contains(v);
+    size::number(text, fits, "use a number from 0.001 to 1000").map(|v| v as f32)
+}
+
 /// A number of dB on the command line.
 pub(crate) fn finite(text: &str) -> Result<f64, String> {
     size::number(text, |v| v.is_finite(), "use a number of dB")
@@ -167,6 +190,18 @@ pub(crate) fn run(args: &EncodeArgs, report: Reporter) -> Result<()> {
         return Err(usage(format!(
             "{name}: encode writes gsvx streams; name it .gsvx, or use gsvx convert to write .{extension}"
         )));
+    }
+    if let Some(fps) = args.fps {
+        let frames = sequence::frames(inputs)?;
+        if frames.len() > 1 {
+            let quality = args.scene.content.quality();
+            let (group, encode) = (args.group.into(), args.options());
+            let options = SequenceOptions { fps, quality, group, encode };
+            return sequence::encode(&args.scene, &frames, options, report);
+        }
+        note(format_args!("note: one frame is no sequence; it becomes a static stream"));
+        let jobs = batch::jobs(&frames, output, STREAM, *force)?;
+        return batch::run(&jobs, |job| encode_file(args, job, report));
     }
     if let Some(part) = args.part {
         return scale::part(&args.scene, part, report);

@@ -1,6 +1,7 @@
 //! `gsvx info`.
 
 use crate::batch;
+use crate::commands::sequence;
 use crate::describe;
 use crate::input::{self, LARGE, OpenedInput, ReadingAny};
 use crate::report::Reporter;
@@ -29,6 +30,9 @@ pub(crate) struct InfoArgs {
 /// Describes streams and models.
 pub(crate) fn run(args: &InfoArgs, report: Reporter) -> Result<()> {
     batch::run(&args.inputs, |path| {
+        if sequence::is_file(path) {
+            return sequence::describe(&input::bytes(path)?, path, &args.reading, report);
+        }
         if args.reading.model.is_stream_file(path)? {
             let stream = StreamFile::open(path)?;
             return describe_stream(&stream.source, &stream.index, path, args, report);

@@ -10,5 +10,6 @@ pub(crate) mod lod;
 pub(crate) mod paper_tune;
 pub(crate) mod plan;
 pub(crate) mod render;
+pub(crate) mod sequence;
 pub(crate) mod tune;
 pub(crate) mod view;

@@ -348,7 +348,7 @@ fn half_bits(square: f32) -> u32 {
 
 /// Solves symmetric positive definite equations by Gaussian elimination.
 #[cfg(feature = "encode")]
-fn solve<const N: usize>(a: &[[f64; N]; N], mut b: [f64; N]) -> [f64; N] {
+pub(crate) fn solve<const N: usize>(a: &[[f64; N]; N], mut b: [f64; N]) -> [f64; N] {
     let mut a = *a;
     for k in 0..N {
         for r in k + 1..N {

@@ -27,6 +27,8 @@ pub enum Attribute {
     },
     /// Six log-Euclidean coordinates.
     Covariance,
+    /// The mean; it is coded where it moves only.
+    Position,
 }
 
 /// What a group is predicted from.
@@ -60,6 +62,12 @@ pub const GROUPS: [Group; 6] = [
     Group::of_degree(2, Predicted::FromBelow),
     Group::of_degree(3, Predicted::FromBelow),
 ];
+/// Positions, which leave the centres of their leaves in sequences.
+const POSITION: Group =
+    Group { attribute: Attribute::Position, channels: 3, predicted: Predicted::Not };
+/// All groups that can move.
+pub(crate) const MOVING: [Group; 7] =
+    [POSITION, GROUPS[0], GROUPS[1], GROUPS[2], GROUPS[3], GROUPS[4], GROUPS[5]];
 /// Groups of the base layer.
 pub(crate) const BASE: usize = 3;
 
@@ -84,12 +92,19 @@ impl Group {
             Attribute::Colour { degree: 0 } => steps.dc,
             Attribute::Colour { degree } => steps.sh[usize::from(degree) - 1],
             Attribute::Covariance => steps.covariance,
+            // In units of a typical log-scale's Gaussian: an error of its size, as that of a covariance.
+            Attribute::Position => steps.covariance,
         }
     }
 
     /// Puts the decoded values of the leaves from `first` on into Gaussians.
     pub(crate) fn restore(&self, rows: &Rows, first: usize, out: &mut SceneMut<'_>) {
         match self.attribute {
+            Attribute::Position => {
+                for (i, mean) in (first..).zip(&mut *out.means) {
+                    mean.copy_from_slice(rows.row(i));
+                }
+            }
             Attribute::Opacity => {
                 for (i, logit) in (first..).zip(&mut *out.opacity_logits) {
                     *logit = opacity::logit_of_log_alpha(rows.row(i)[0]);
@@ -194,7 +209,9 @@ mod encode {
         /// rendered error.
         pub(crate) fn lambda(&self) -> f32 {
             match self.attribute {
-                Attribute::Opacity | Attribute::Colour { degree: 0 } => 18.0 / 256.0,
+                Attribute::Opacity | Attribute::Colour { degree: 0 } | Attribute::Position => {
+                    18.0 / 256.0
+                }
                 Attribute::Colour { .. } => 8.0 / 256.0,
                 Attribute::Covariance => 24.0 / 256.0,
             }
@@ -210,6 +227,7 @@ mod encode {
                     1 + 3 * own.start..1 + 3 * own.end
                 }
                 Attribute::Covariance => values - self.channels..values,
+                Attribute::Position => 0..0,
             }
         }
 
@@ -226,6 +244,7 @@ mod encode {
                     let c = covariance::coordinates(scene.rotations[i], scene.log_scales[i]);
                     out.copy_from_slice(&c);
                 }
+                Attribute::Position => out.copy_from_slice(&scene.means[i]),
             }
         }
 
@@ -248,6 +267,7 @@ mod encode {
                     let d = covariance::gradient(rotation, log_scales, by.rotation, by.log_scale);
                     out.copy_from_slice(&d);
                 }
+                Attribute::Position => out.fill(0.0),
             }
         }
 

@@ -25,8 +25,12 @@ pub use gaussians::GaussianGradient;
 pub(crate) use gaussians::resize;
 #[cfg(feature = "encode")]
 pub(crate) use groups::coded;
-#[cfg(feature = "encode")]
+#[cfg_attr(
+    not(feature = "encode"),
+    allow(unused_imports, reason = "the module latents shows them")
+)]
 pub use groups::{Attribute, GROUPS, Group, Predicted};
+pub(crate) use groups::{MOVING, coefficients};
 pub(crate) use skeleton::Skeleton;
 pub(crate) use values::ChunkValues;
 
@@ -42,6 +46,6 @@ pub(crate) fn step_of_unit_weight(step: f32) -> f32 {
 }
 
 /// Steps of the transform for a group of channels.
-fn steps_of(step: f32, channels: usize) -> Vec<f32> {
+pub(crate) fn steps_of(step: f32, channels: usize) -> Vec<f32> {
     vec![step_of_unit_weight(step); channels]
 }

@@ -87,6 +87,16 @@ impl ChunkValues {
         &self.skeleton.classes
     }
 
+    /// The number of groups that are decoded.
+    pub(crate) fn groups(&self) -> usize {
+        coded(self.sh_degree).len()
+    }
+
+    /// The values of a leaf in a group.
+    pub(crate) fn row(&self, group: usize, leaf: usize) -> &[f32] {
+        self.rows[group].row(leaf)
+    }
+
     /// Puts the Gaussians of the leaves from `first` on into `out`. SH degrees that were not decoded
     /// become 0.
     pub(crate) fn fill(&self, first: usize, out: &mut SceneMut<'_>) {

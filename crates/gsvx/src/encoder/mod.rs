@@ -18,6 +18,7 @@ mod plan;
 mod prepare;
 mod preset;
 pub mod rate;
+mod sequence;
 mod source;
 mod strategy;
 mod survey;
@@ -37,6 +38,7 @@ pub use options::{
 pub use plan::{Choices, Plan};
 pub use prepare::{Prepared, encode, prepare, prune};
 pub use preset::Preset;
+pub use sequence::{SequenceEncoder, SequenceOptions};
 pub use survey::Survey;
 pub use warning::{EncodeWarning, Missed};
 

@@ -91,27 +91,64 @@ fn encode_leaves(
     (steps, code): (&Steps, &CodeOptions),
 ) -> Result<Encoded> {
     let outliers = input.take_out(split.as_ref())?;
-    let TiledLeaves { voxels, importance, shared } = input.voxelize(quality, prepare)?;
-    let gaussians = input.scene.len() as u64;
-    let whole = shared.as_ref().map(|shared| Whole {
-        tiles: lod::LodTiles::new(&shared.tiles, shared.tiles.len() > 1, gaussians, code),
-        mean_importance: shared.mean_importance,
-        sh_degree: None,
-    });
-    let source = GaussianSource {
-        scene: &input.scene,
-        voxels: &voxels,
-        weights: &Importance::Given(importance),
-        merged: false,
-        whole,
-    };
-    let encoded = encode_source(&source, outliers.as_ref(), Coding::new(steps, code))?;
+    let leaves = input.voxelize(quality, prepare)?;
+    let encoded = encode_tiled(&input.scene, leaves, outliers.as_ref(), steps, code)?.0;
     let leaves = encoded.index.header.count as u32;
     let rows = match &split {
         Some(split) => split.rows(&encoded.rows, leaves - split.outliers.len() as u32),
         None => encoded.rows,
     };
     Ok(Encoded { coarse_cells: input.survey.coarse_cells(), rows, ..encoded })
+}
+
+/// The stream of a voxelized scene, and its leaves and the importance of each Gaussian again.
+pub(super) fn encode_tiled(
+    scene: &Scene,
+    leaves: TiledLeaves,
+    outliers: Option<&Scene>,
+    steps: &Steps,
+    code: &CodeOptions,
+) -> Result<(Encoded, Voxelization, Importance)> {
+    let TiledLeaves { voxels, importance, shared } = leaves;
+    let whole = shared.as_ref().map(|shared| Whole {
+        tiles: lod::LodTiles::new(&shared.tiles, shared.tiles.len() > 1, scene.len() as u64, code),
+        mean_importance: shared.mean_importance,
+        sh_degree: None,
+    });
+    let weights = Importance::Given(importance);
+    let source = GaussianSource { scene, voxels: &voxels, weights: &weights, merged: false, whole };
+    let encoded = encode_source(&source, outliers, Coding::new(steps, code))?;
+    Ok((encoded, voxels, weights))
+}
+
+/// A scene without what is not coded as leaves, for a sequence.
+pub(super) struct Inside {
+    pub(super) scene: Scene,
+    /// Where each of its Gaussians was.
+    pub(super) rows: Vec<usize>,
+    pub(super) leaves: TiledLeaves,
+    pub(super) outliers: Option<Scene>,
+    /// Natural logarithm of a typical Gaussian's largest axis.
+    pub(super) log_size: f64,
+}
+
+/// Voxelizes as [`encode`] does.
+pub(super) fn inside(
+    scene: &Scene,
+    importance: Option<&[f32]>,
+    quality: f32,
+    options: &PrepareOptions,
+) -> Result<Inside> {
+    let mut input = Input::lossy(scene, importance, quality, options)?;
+    let split = split_outliers(&input.scene, &input.survey)?;
+    let mut rows = input.kept.clone().unwrap_or_else(|| (0..scene.len()).collect());
+    let outliers = input.take_out(split.as_ref())?;
+    if let Some(split) = &split {
+        rows = split.inside.iter().map(|&i| rows[i]).collect();
+    }
+    let leaves = input.voxelize(quality, options)?;
+    let log_size = input.survey.median_log_scale().unwrap_or_default();
+    Ok(Inside { scene: input.scene.into_owned(), rows, leaves, outliers, log_size })
 }
 
 /// A voxelized scene with the importance of each leaf, for [`crate::encode_voxels`].

@@ -1,0 +1,285 @@
+//! Sequences of frames: from models, to models, and what they hold.
+
+use crate::content::SceneArgs;
+use crate::exit::{note, usage};
+use crate::format;
+use crate::input::{self, Limit, ReadingAny};
+use crate::output::{Output, OutputFolder, counted, is_stdio};
+use crate::progress::Meter;
+use crate::report::Reporter;
+use crate::stream_file::StreamBytes;
+use anyhow::{Context, Result, bail, ensure};
+use gs_model::{Format, chain};
+use gsvx::sequence::{Group, Sequence, is_sequence};
+use gsvx::{Index, SequenceEncoder, SequenceOptions, Source};
+use indicatif::DecimalBytes;
+use serde_json::json;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// Heading of the flags.
+pub(crate) const HEADING: &str = "Sequences of frames";
+
+/// The models of frames in order: those of a folder, or those given, by the last number in their names.
+pub(crate) fn frames(inputs: &[PathBuf]) -> Result<Vec<PathBuf>> {
+    let mut all = Vec::new();
+    for input in inputs {
+        if !input.is_dir() {
+            all.push(input.clone());
+            continue;
+        }
+        let list = std::fs::read_dir(input).with_context(|| input::cannot_read(input))?;
+        for entry in list {
+            let path = entry.with_context(|| input::cannot_read(input))?.path();
+            if Format::of_name(&path).is_some() {
+                all.push(path);
+            }
+        }
+        ensure!(!all.is_empty(), "{}: holds no model", input.display());
+    }
+    if all.iter().any(|path| is_stdio(path)) {
+        return Err(usage("frames are files, not standard input"));
+    }
+    all.sort_by_cached_key(|path| (number(path), path.clone()));
+    for pair in all.windows(2) {
+        let [a, b] = [pair[0].display(), pair[1].display()];
+        if let (Some(first), Some(next)) = (number(&pair[0]), number(&pair[1])) {
+            ensure!(next != first, "{a} and {b} have the same number");
+            ensure!(next == first + 1, "frame {} is missing between {a} and {b}", first + 1);
+        }
+        ensure!(
+            pair[0].extension() == pair[1].extension(),
+            "{a} and {b} are of different formats; the frames of a sequence are of one"
+        );
+    }
+    Ok(all)
+}
+
+/// The last number in the name of a file.
+fn number(path: &Path) -> Option<u64> {
+    let name = path.file_name()?.to_str()?.split('.').next()?;
+    let end = name.rfind(|c: char| c.is_ascii_digit())? + 1;
+    let start = name[..end].rfind(|c: char| !c.is_ascii_digit()).map_or(0, |at| at + 1);
+    name.get(start..end)?.parse().ok()
+}
+
+/// Encodes frames.
+pub(crate) fn encode(
+    args: &SceneArgs,
+    frames: &[PathBuf],
+    options: SequenceOptions,
+    report: Reporter,
+) -> Result<()> {
+    let output = Output::open(&args.output, args.force, frames)?;
+    let start = Instant::now();
+    let mut encoder = SequenceEncoder::new(options)?;
+    let mut input_bytes = 0;
+    let meter = Meter::spinner("encoding frames".into());
+    for (i, path) in frames.iter().enumerate() {
+        let mut model = args.reading.model(path, i == 0)?;
+        model.scene.cut_sh(options.encode.code.max_sh_degree);
+        input_bytes += model.bytes;
+        encoder.push(model.scene).with_context(|| input::name(path))?;
+    }
+    let bytes = encoder.finish()?;
+    drop(meter);
+    let sequence = Sequence::parse(&bytes)?;
+    let written = output.write(|out| Ok(out.write_all(&bytes)?))?;
+    let (seconds, groups) = (start.elapsed().as_secs_f64(), sequence.groups.len());
+    let human = format!(
+        "{} in {}, {} -> {} ({:.1}x, {} per frame, {} per second); quality {}, in {seconds:.2} s",
+        counted(frames.len(), "frame"),
+        counted(groups, "group"),
+        DecimalBytes(input_bytes),
+        DecimalBytes(written.bytes),
+        input_bytes as f64 / written.bytes as f64,
+        DecimalBytes(written.bytes / frames.len() as u64),
+        DecimalBytes(per_second(&sequence, written.bytes)),
+        options.quality,
+    );
+    let json = json!({
+        "frames": frames.len(),
+        "groups": groups,
+        "fps": options.fps,
+        "quality": options.quality,
+        "bytes": written.bytes,
+        "input_bytes": input_bytes,
+        "encode_seconds": seconds,
+    });
+    report.wrote(&written, &human, json)
+}
+
+fn per_second(sequence: &Sequence, bytes: u64) -> u64 {
+    (bytes as f64 * f64::from(sequence.fps) / sequence.frames().max(1) as f64) as u64
+}
+
+/// Frames on the command line: `10..20` for 10 to 19.
+fn range(text: &str) -> Result<Range<u64>, String> {
+    let parts = text.split_once("..").and_then(|(a, b)| Some(a.parse().ok()?..b.parse().ok()?));
+    parts.filter(|r| r.start < r.end).ok_or_else(|| "use a range such as 10..20".to_owned())
+}
+
+/// Whether a file holds a sequence.
+pub(crate) fn is_file(path: &Path) -> bool {
+    let file = path.is_file().then(|| StreamBytes::open(path).ok()).flatten();
+    file.is_some_and(|file| file.read(0..file.len().min(9)).is_ok_and(|start| is_sequence(&start)))
+}
+
+/// Which frames are decoded.
+#[derive(clap::Args)]
+pub(crate) struct FrameArgs {
+    /// The frame of a sequence, counted from 0.
+    #[arg(long, value_name = "N", conflicts_with_all = ["region", "lod"])]
+    frame: Option<u64>,
+    /// Frames of a sequence, into a folder: 10..20 for 10 to 19.
+    #[arg(long, value_name = "A..B", value_parser = range, conflicts_with_all = ["frame", "region", "lod"])]
+    frames: Option<Range<u64>>,
+}
+
+impl FrameArgs {
+    /// Whether frames are asked for.
+    pub(crate) fn any(&self) -> bool {
+        self.frame.is_some() || self.frames.is_some()
+    }
+}
+
+/// What `gsvx decode` is to do with a sequence.
+pub(crate) struct Decoding<'a> {
+    pub(crate) inputs: &'a [PathBuf],
+    pub(crate) output: &'a Path,
+    pub(crate) wanted: &'a FrameArgs,
+    pub(crate) max_sh_degree: u8,
+    pub(crate) salvage: bool,
+    pub(crate) limit: Limit,
+    pub(crate) force: bool,
+}
+
+/// Writes frames of a sequence as models: one to a file, or several into a folder.
+pub(crate) fn decode(args: &Decoding<'_>, format: &Format, report: Reporter) -> Result<()> {
+    let [path] = args.inputs else {
+        return Err(usage("--frame and --frames take one sequence"));
+    };
+    let (start, name) = (Instant::now(), input::name(path));
+    let bytes = input::bytes(path)?;
+    let sequence = Sequence::parse(&bytes).with_context(|| name.clone())?;
+    let count = sequence.frames();
+    let wanted = match (args.wanted.frame, &args.wanted.frames) {
+        (Some(frame), _) => frame..frame + 1,
+        (None, Some(frames)) => frames.clone(),
+        (None, None) => bail!(
+            "{name}: is a sequence of {count} frames; name some with --frame 0 or --frames 0..{count}"
+        ),
+    };
+    ensure!(
+        wanted.end <= count,
+        "{name}: has no frame {}, only frames 0 to {}",
+        wanted.end - 1,
+        count.saturating_sub(1)
+    );
+    let mut folder = match args.wanted.frame {
+        None => Some(OutputFolder::open(args.output, args.force)?),
+        Some(_) => None,
+    };
+    let (mut skipped, mut written) = (Vec::new(), 0);
+    for (number, group) in sequence.groups.iter().enumerate() {
+        let some = wanted.start.max(group.frames.start)..wanted.end.min(group.frames.end);
+        if some.is_empty() {
+            continue;
+        }
+        let decoded = match sequence.group(&bytes, number, args.limit.max_gaussians) {
+            Ok(decoded) => decoded,
+            Err(why) if args.salvage => {
+                let Range { start, end } = some;
+                skipped.push(format!("frames {start} to {}: {}", end - 1, chain(&why)));
+                continue;
+            }
+            Err(why) => return Err(why).with_context(|| name.clone()),
+        };
+        for frame in some {
+            let mut scene = decoded.frame((frame - group.frames.start) as usize);
+            scene.cut_sh(args.max_sh_degree);
+            let gaussians = scene.len();
+            written += 1;
+            let Some(folder) = &mut folder else {
+                let output = Output::open(args.output, args.force, &[path])?;
+                let written = format::write(format, output, &scene)?;
+                let seconds = start.elapsed().as_secs_f64();
+                let human =
+                    format!("frame {frame}, {}, in {seconds:.2} s", counted(gaussians, "Gaussian"));
+                let json =
+                    json!({ "frame": frame, "gaussians": gaussians, "decode_seconds": seconds });
+                return report.wrote(&written, &human, json);
+            };
+            let file = format!("frame_{frame:04}.{}", format.extensions[0]);
+            folder.write(&file, &[path], |out| Ok(format.write_to(&file, out, &scene)?))?;
+        }
+    }
+    if let (0, Some(why)) = (written, skipped.last()) {
+        bail!("{name}: nothing of it can be decoded: {why}");
+    }
+    if let Some(folder) = folder {
+        folder.put_in_place()?;
+    }
+    skipped.iter().for_each(|skipped| note(format_args!("note: {skipped}")));
+    let seconds = start.elapsed().as_secs_f64();
+    let folder = args.output.display();
+    let human = format!("{folder}: {} of {count}, in {seconds:.2} s", counted(written, "frame"));
+    let json = json!({ "output": folder.to_string(), "frames": written, "skipped": skipped, "decode_seconds": seconds });
+    report.say(false, &human, &json)
+}
+
+/// Prints what a sequence holds, and what is missing or damaged.
+pub(crate) fn describe(
+    bytes: &[u8],
+    path: &Path,
+    reading: &ReadingAny,
+    report: Reporter,
+) -> Result<()> {
+    let name = input::name(path);
+    let sequence = Sequence::parse(bytes).with_context(|| name.clone())?;
+    let (total, frames) = (sequence.stream_len(), sequence.frames());
+    let (mut faults, mut groups, mut most) = (Vec::new(), Vec::new(), 0);
+    let mut lines = String::new();
+    for (number, Group { frames, stream, motion, .. }) in sequence.groups.iter().enumerate() {
+        let found = sequence.bytes_of(bytes, number).and_then(|(stream, _)| Index::parse(stream));
+        let gaussians = found.as_ref().map_or(0, |index| index.header.count);
+        reading.limit.check(path, gaussians)?;
+        most = most.max(gaussians);
+        let [stream, motion] = [stream, motion].map(|range| range.end - range.start);
+        lines += &format!(
+            "\n  {:<12} {gaussians:>10} {stream:>12} {motion:>12}",
+            format!("{}..{}", frames.start, frames.end)
+        );
+        groups.push(json!({ "frames": [frames.start, frames.end], "gaussians": gaussians, "stream": stream, "motion": motion }));
+        if let Err(why) = found {
+            faults.push(chain(&why));
+        }
+    }
+    let rate = per_second(&sequence, total);
+    let mut text = format!(
+        "{name}: {} ({} bytes)\n  frames         {frames}, {} per second\n  groups         {}\n  \
+         Gaussians      {most} at most\n  bytes/frame    {}\n  bytes/second   {rate}\n\n  \
+         {:<12} {:>10} {:>12} {:>12}{lines}",
+        DecimalBytes(bytes.len() as u64),
+        bytes.len(),
+        sequence.fps,
+        sequence.groups.len(),
+        total / frames.max(1),
+        "frames",
+        "Gaussians",
+        "static bytes",
+        "motion bytes",
+    );
+    faults.iter().for_each(|fault| text += &format!("\n\n  {fault}"));
+    let json = json!({
+        "bytes": bytes.len(),
+        "expected_bytes": total,
+        "fps": sequence.fps,
+        "frames": frames,
+        "bytes_per_second": rate,
+        "groups": groups,
+        "faults": faults,
+    });
+    report.say(false, &text, &json)
+}

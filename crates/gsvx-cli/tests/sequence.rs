@@ -1,0 +1,105 @@
+//! Sequences: frames in, frames out, and what is said of frames that do not fit.
+
+mod common;
+
+use common::{Folder, failed, json, ok, one_line, run, wrong_usage};
+use gs_model::{Scene, ply};
+use std::path::{Path, PathBuf};
+
+/// So many frames in a folder of their own, in which a tenth of the Gaussians moves.
+fn frames(dir: &Folder, count: usize) -> PathBuf {
+    let folder = dir.join("frames");
+    std::fs::create_dir_all(&folder).unwrap();
+    for t in 0..count {
+        let mut scene = common::scene();
+        scene.means.iter_mut().step_by(10).for_each(|mean| mean[1] += 0.01 * t as f32);
+        ply::write(name(&folder, t), &scene).unwrap();
+    }
+    folder
+}
+
+fn name(folder: &Path, number: usize) -> PathBuf {
+    folder.join(format!("frame_{number}.ply"))
+}
+
+fn read(path: &Path) -> Scene {
+    ply::read(path).unwrap().0
+}
+
+#[test]
+fn frames_become_a_sequence_and_come_back() {
+    let dir = Folder::new();
+    let (folder, clip) = (frames(&dir, 12), dir.join("clip.gsvx"));
+    let said = json("encode @ -o @ --fps 24 --group 8", &[&folder, &clip]);
+    assert_eq!((&said["frames"], &said["groups"]), (&12.into(), &2.into()));
+    assert_eq!(said["fps"], 24.0);
+    let said = json("info @", &[&clip]);
+    assert_eq!((&said["frames"], &said["fps"]), (&12.into(), &24.0.into()));
+    assert_eq!(said["groups"][1]["frames"], serde_json::json!([8, 12]));
+    assert!(said["bytes_per_second"].as_u64() == Some(2 * said["bytes"].as_u64().unwrap()));
+    assert!(said["faults"].as_array().unwrap().is_empty());
+    assert!(ok("info @", &[&clip]).contains("frames         12, 24 per second"));
+    // Frame 10 is a group's third, after frame 9 by number, not by name.
+    let (one, some) = (dir.join("one.ply"), dir.join("some"));
+    ok("decode @ -o @ --frame 10", &[&clip, &one]);
+    ok("decode @ -o @ --frames 6..11", &[&clip, &some]);
+    assert_eq!(std::fs::read_dir(&some).unwrap().count(), 5);
+    assert_eq!(read(&some.join("frame_0010.ply")), read(&one));
+    let mean = |scene: &Scene| scene.means.iter().map(|m| f64::from(m[1])).sum::<f64>();
+    let moved = |scene: Scene| mean(&scene) / scene.len() as f64;
+    let first = moved(read(&some.join("frame_0006.ply")));
+    let fourth = moved(read(&one));
+    assert!((fourth - first - 0.004).abs() < 0.001, "{first} {fourth}");
+}
+
+#[test]
+fn what_does_not_fit_is_one_line() {
+    let dir = Folder::new();
+    let (folder, clip) = (frames(&dir, 3), dir.join("clip.gsvx"));
+    let encode = |folder: &Path| run("encode @ -o @ --fps 30 --force", &[folder, &clip]);
+    // Two frames are a sequence; one is a static stream, which is said.
+    std::fs::remove_file(name(&folder, 2)).unwrap();
+    assert!(encode(&folder).status.success());
+    one_line(&run("decode @ -o @", &[&clip, &dir.join("a.ply")]), "sequence of 2 frames");
+    one_line(&run("decode @ -o @ --frame 2", &[&clip, &dir.join("a.ply")]), "no frame 2");
+    failed(&run("convert @ @", &[&clip, &dir.join("a.ply")]), "gsvx decode --frame");
+    wrong_usage(&run("decode @ -o @ --frames 2..2", &[&clip, &dir.join("a")]), "10..20");
+    std::fs::remove_file(name(&folder, 1)).unwrap();
+    assert!(common::heard(&encode(&folder)).contains("a static stream"));
+    ok("decode @ -o @", &[&clip, &dir.join("a.ply")]);
+
+    let folder = frames(&dir, 4);
+    std::fs::remove_file(name(&folder, 2)).unwrap();
+    one_line(&encode(&folder), "frame 2 is missing");
+    let mut scene = common::scene();
+    scene.means[7][0] = f32::NAN;
+    ply::write(name(&folder, 2), &scene).unwrap();
+    one_line(&encode(&folder), "frame_2.ply");
+    let mut scene = common::scene();
+    let degree = scene.sh_degree;
+    scene.cut_sh(0);
+    assert!(degree > 0);
+    ply::write(name(&folder, 2), &scene).unwrap();
+    one_line(&encode(&folder), "SH degree 0, where those before it have");
+    std::fs::rename(name(&folder, 2), folder.join("frame_2.spz")).unwrap();
+    one_line(&encode(&folder), "different formats");
+    let empty = dir.join("empty");
+    std::fs::create_dir(&empty).unwrap();
+    one_line(&encode(&empty), "holds no model");
+}
+
+#[test]
+fn what_is_whole_of_a_cut_sequence_is_salvaged() {
+    let dir = Folder::new();
+    let (folder, clip) = (frames(&dir, 6), dir.join("clip.gsvx"));
+    ok("encode @ -o @ --fps 30 --group 2", &[&folder, &clip]);
+    let bytes = std::fs::read(&clip).unwrap();
+    std::fs::write(&clip, &bytes[..bytes.len() - 9]).unwrap();
+    let out = dir.join("out");
+    one_line(&run("decode @ -o @ --frames 0..6", &[&clip, &out]), "--salvage");
+    let said = json("decode @ -o @ --frames 0..6 --salvage", &[&clip, &out]);
+    assert_eq!(said["frames"], 4);
+    assert!(said["skipped"][0].as_str().unwrap().starts_with("frames 4 to 5: stream truncated"));
+    let info = json("info @", &[&clip]);
+    assert_eq!(info["faults"].as_array().unwrap().len(), 1);
+}
