@@ -160,7 +160,7 @@ impl Motion {
     /// number of its first Gaussian.
     ///
     /// # Errors
-    /// [`Error::Truncated`], [`Error::Corrupt`], [`Error::Coding`] and [`Error::Limit`].
+    /// [`Error::Truncated`], [`Error::Corrupt`], [`Error::Coding`] and [`Error::Memory`].
     pub(crate) fn decode(
         bytes: &[u8],
         values: &ChunkValues,
@@ -183,14 +183,13 @@ impl Motion {
         let heads = heads.collect::<Result<Vec<_>>>()?;
         let mut coder = RansDecoder::new(r.take(r.remaining())?).map_err(coding("motion"))?;
         let mut room = DEFAULT_GROWTH * bytes.len() as u64 + ALWAYS_ACCEPTED;
-        let mut take = |floats: usize| {
-            let limit = room;
-            room = room.checked_sub(4 * floats as u64)?;
-            Some(limit)
+        let mut take = |count: usize, bytes: usize| {
+            room = room.checked_sub(count as u64 * bytes as u64)?;
+            Some(())
         };
-        let too_large = || Error::Limit { points: leaves as u64, limit: leaves as u64 };
+        let too_large = || Error::memory(leaves);
         if flags & BIRTHS != 0 {
-            take(leaves * frames / 4).ok_or_else(too_large)?;
+            take(leaves, frames).ok_or_else(too_large)?;
             motion.alive = vec![false; leaves * frames];
             code_alive(&mut coder, frames, &mut motion.alive);
         }
@@ -199,7 +198,8 @@ impl Motion {
             let mut flags = vec![false; leaves];
             code_flags(&mut coder, &mut flags);
             let leaves = flagged(&flags);
-            take(leaves.len() * (curves.len() + 1) * (group.channels + 3)).ok_or_else(too_large)?;
+            take(leaves.len(), 4 * (curves.len() + 1) * (group.channels + 3))
+                .ok_or_else(too_large)?;
             let (plan, base) = (plan_of(values, &leaves)?, base_of(values, number, &leaves));
             let steps = steps_of(step, group.channels);
             let mut coefficients = Vec::with_capacity(curves.len());
