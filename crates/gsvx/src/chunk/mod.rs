@@ -25,11 +25,10 @@ pub use gaussians::GaussianGradient;
 pub(crate) use gaussians::resize;
 #[cfg(feature = "encode")]
 pub(crate) use groups::coded;
-#[cfg_attr(
-    not(feature = "encode"),
-    allow(unused_imports, reason = "the module latents shows them")
-)]
+#[cfg(feature = "encode")]
 pub use groups::{Attribute, GROUPS, Group, Predicted};
+#[cfg(not(feature = "encode"))]
+pub(crate) use groups::{Attribute, Group};
 pub(crate) use groups::{MOVING, coefficients};
 pub(crate) use skeleton::Skeleton;
 pub(crate) use values::ChunkValues;

@@ -3,7 +3,6 @@
 //! A group needs no other. Its static stream is one of format 1, bit for bit: the scene about which the frames vary.
 //! Normative description: `docs/format-sequences.md`.
 
-#[cfg_attr(not(feature = "encode"), allow(unreachable_pub, reason = "the encoder shares it"))]
 pub(crate) mod motion;
 
 use crate::bytes::SliceReader;
