@@ -120,7 +120,7 @@ impl BitWriter {
 }
 
 /// Reads what [`BitWriter`] wrote; zeros after the end.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug)]
 pub(crate) struct BitReader<'a> {
     data: &'a [u8],
     pos: usize,

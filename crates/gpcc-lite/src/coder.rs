@@ -25,12 +25,16 @@ pub use encoder::RansEncoder;
 pub use silent::Silent;
 pub use tally::Tally;
 
-use crate::symbols::Symbols;
+use crate::bit::Bit;
+use crate::symbols::{SYMBOLS, Symbols};
 
 /// Number of states.
 const STATES: usize = 4;
 /// Least value of a state between two symbols, and the state before the first symbol is encoded.
 const LOWEST: u32 = 1 << 16;
+
+/// The symbol of magnitudes that are this or more.
+pub(crate) const ESCAPE: u32 = SYMBOLS as u32 - 1;
 
 /// Both directions of the coder behind one interface, so that a model is written once.
 ///
@@ -44,6 +48,19 @@ pub trait Coder {
 
     /// Codes a decision whose probability of being true is `p1 / 2^15`, `0 < p1 < 2^15`.
     fn decision(&mut self, p1: u32, value: bool) -> bool;
+
+    /// Codes one decision after another, each by the model of its context, which learns it with a limit. The decoder
+    /// fills `values` in.
+    fn decisions(&mut self, models: &mut [Bit], contexts: &[u8], limit: u32, values: &mut [bool])
+    where
+        Self: Sized,
+    {
+        for (&context, value) in contexts.iter().zip(values) {
+            let model = &mut models[usize::from(context)];
+            *value = self.decision(model.p1(), *value);
+            model.learn(*value, limit);
+        }
+    }
 
     /// Codes one symbol by its model, and the model learns it.
     fn symbol(&mut self, model: &mut Symbols, value: usize) -> usize;
@@ -61,6 +78,17 @@ pub trait Coder {
     /// Codes `n <= 30` plain bits and then a sign, if they or what is `above` them is not zero.
     fn bits_and_sign(&mut self, above: u32, value: u32, n: u32, negative: bool) -> (u32, bool);
 
+    /// Codes the rest of one level after another in plain bits: what its symbol does not say. The decoder fills `levels`
+    /// in.
+    fn rests(&mut self, symbols: &[u8], shifts: &[u8], levels: &mut [i32])
+    where
+        Self: Sized,
+    {
+        for ((&symbol, &shift), level) in symbols.iter().zip(shifts).zip(levels) {
+            *level = code_rest(self, symbol.into(), shift.into(), *level);
+        }
+    }
+
     /// True when the decoder has read past the end: the stream is truncated or damaged.
     fn exhausted(&self) -> bool;
 }
@@ -77,6 +105,23 @@ pub(crate) fn code_gamma<C: Coder>(coder: &mut C, value: u32) -> u32 {
     }
     let low = coder.bits((v & ((1 << zeros) - 1)) as u32, zeros);
     ((1u64 << zeros | u64::from(low)) - 1).min(u64::from(u32::MAX)) as u32
+}
+
+/// Codes the rest of a level in plain bits: the excess over the escape symbol, the low bits and the
+/// sign.
+#[inline(always)]
+fn code_rest<C: Coder>(coder: &mut C, symbol: u32, shift: u32, level: i32) -> i32 {
+    let magnitude = level.unsigned_abs();
+    let mut high = symbol;
+    if symbol == ESCAPE {
+        let rest = code_gamma(coder, (magnitude >> shift).saturating_sub(ESCAPE));
+        high = ESCAPE.saturating_add(rest);
+    }
+    let high = high.min(i32::MAX as u32 >> shift);
+    let low = magnitude & ((1 << shift) - 1);
+    let (low, negative) = coder.bits_and_sign(high, low, shift, level < 0);
+    let (magnitude, sign) = ((high << shift | low) as i32, -i32::from(negative));
+    (magnitude ^ sign).wrapping_sub(sign)
 }
 
 /// Codes a signed number in plain bits, the sign in the lowest bit.
@@ -99,7 +144,6 @@ pub(crate) fn unfolded(u: u32) -> i32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::Bit;
     use crate::symbols::SCALE_BITS;
 
     /// Symbols, decisions, plain bits and large numbers in turn.

@@ -21,10 +21,12 @@
 //!
 //! Normative description: `docs/format.md`, "Attributes".
 
-use crate::coder::{Coder, code_gamma};
+use crate::coder::{Coder, ESCAPE};
 use crate::model::Bit;
 use crate::raht::{LANES, RahtPlan};
-use crate::symbols::{SCALE_BITS, SYMBOLS, Symbols};
+use crate::symbols::{SCALE_BITS, Symbols};
+use multiversion::multiversion;
+use std::ops::Range;
 
 /// Activities of a row: activity `a` is that of the channels `a`, `a + 3`, `a + 6` and so on.
 pub(crate) const ACTIVITIES: usize = 3;
@@ -42,8 +44,6 @@ pub const CLASSES: usize = 16;
 const LIMIT: u32 = 1023;
 /// Observations that the magnitudes' models begin with.
 const PRIOR: u32 = 8;
-/// The symbol of magnitudes that are this or more.
-const ESCAPE: u32 = SYMBOLS as u32 - 1;
 /// `1 / (ABOVE + i)`: it turns `ABOVE` times the expectation from above plus the sum of `i` magnitudes
 /// into their mean.
 const MEAN_OF: [f32; UNGROUPED] =
@@ -94,15 +94,23 @@ pub(crate) struct RowCoder {
     /// For each row of the level: the magnitudes expected by the three activities, and twice their
     /// sum.
     expected: Vec<[f32; LANES]>,
+    /// Whether each row, or the current group of each active row, is not all zero.
+    flags: Vec<bool>,
+    /// For each active row: the class of the fourth of these, and the sum of the magnitudes of the groups so far.
+    classes: Vec<u8>,
+    before: Vec<u32>,
     /// The active rows in which the current group is not all zero, as indices into
     /// [`LevelRows::active`].
     chosen: Vec<u32>,
-    /// For each of these the sum of the magnitudes of the group's channels so far.
+    /// For each of these the magnitudes expected by the three activities, and the sum of the magnitudes of the
+    /// group's channels so far.
+    above: [Vec<f32>; ACTIVITIES],
     sums: Vec<u32>,
-    /// Of one channel of the chosen rows: context, number of plain bits, and symbol.
+    /// Of one channel of the chosen rows: context, number of plain bits, symbol, and level.
     contexts: Vec<u8>,
     shifts: Vec<u8>,
     symbols: Vec<u8>,
+    values: Vec<i32>,
 }
 
 /// The rows of one level of merges that are not all zero.
@@ -137,11 +145,16 @@ impl RowCoder {
             groups: vec![Bit::default(); 4 * CLASSES],
             magnitudes: (0..2 * GROUP * CLASSES).map(model).collect(),
             expected: Vec::new(),
+            flags: Vec::new(),
+            classes: Vec::new(),
+            before: Vec::new(),
             chosen: Vec::new(),
+            above: Default::default(),
             sums: Vec::new(),
             contexts: Vec::new(),
             shifts: Vec::new(),
             symbols: Vec::new(),
+            values: Vec::new(),
         }
     }
 
@@ -187,18 +200,17 @@ impl RowCoder {
         self.code_row_flags(coder, level);
         let size = self.group_size();
         let groups = self.channels.div_ceil(size);
+        self.before.clear();
+        self.before.resize(level.active.len(), 0);
         for group in 0..groups {
+            let channels = group * size..self.channels.min((group + 1) * size);
             self.chosen.clear();
             if groups == 1 {
                 self.chosen.extend(0..level.active.len() as u32);
             } else {
-                self.code_group_flags(coder, level, group, groups);
+                self.code_group_flags(coder, level, channels.clone(), group + 1 == groups);
             }
-            self.sums.clear();
-            self.sums.resize(self.chosen.len(), 0);
-            for i in 0..size.min(self.channels - group * size) {
-                self.code_magnitudes(coder, level, group * size + i, i);
-            }
+            self.code_group(coder, level, channels);
         }
     }
 
@@ -219,25 +231,23 @@ impl RowCoder {
             level.active.extend(0..level.count as u32);
             return;
         }
+        let Self { rows, expected, classes, flags, .. } = self;
+        classes.clear();
+        classes.extend(expected.iter().map(|expected| class_of(expected[3]) as u8));
+        flags.clear();
+        flags.resize(level.count, false);
         if C::ENCODING {
-            let mut active = level.active.iter().peekable();
-            for row in 0..level.count {
-                let value = active.next_if(|&&a| a == row as u32).is_some();
-                let class = class_of(self.expected[row][3]);
-                self.rows[class].code(coder, value, LIMIT);
-            }
-            return;
+            level.active.iter().for_each(|&row| flags[row as usize] = true);
         }
-        // A branch on what is decoded could not be predicted: every row is entered, and kept if it
-        // is active.
-        level.active.resize(level.count, 0);
-        let mut found = 0;
-        for (row, expected) in self.expected.iter().enumerate() {
-            level.active[found] = row as u32;
-            found += usize::from(self.rows[class_of(expected[3])].code(coder, false, LIMIT));
+        coder.decisions(rows, classes, LIMIT, flags);
+        let found = keep(&mut level.active, flags);
+        for (at, &row) in level.active.iter().enumerate() {
+            classes[at] = classes[row as usize];
         }
-        level.active.truncate(found);
-        level.levels.resize(found * width, [0; LANES]);
+        classes.truncate(found);
+        if !C::ENCODING {
+            level.levels.resize(found * width, [0; LANES]);
+        }
     }
 
     /// Codes in which of the active rows a group is not all zero.
@@ -245,67 +255,85 @@ impl RowCoder {
         &mut self,
         coder: &mut C,
         level: &LevelRows,
-        group: usize,
-        groups: usize,
+        channels: Range<usize>,
+        last: bool,
     ) {
-        let width = self.channels.div_ceil(LANES);
-        let first = group * GROUP;
-        let end = (first + GROUP).min(self.channels);
-        self.chosen.resize(level.active.len(), 0);
-        let mut found = 0;
-        for (at, &row) in level.active.iter().enumerate() {
-            let levels = level.levels[at * width..(at + 1) * width].as_flattened();
-            let before = magnitudes(&levels[..first]);
-            let state = match before {
-                0 if group + 1 == groups => 3,
-                0 => 0,
-                // Half of `first` is compared, because twice the sum may not fit 32 bits.
-                _ => 1 + usize::from(before as usize > first / 2),
-            };
-            let model = state * CLASSES + class_of(self.expected[row as usize][3]);
-            let value = C::ENCODING && levels[first..end].iter().any(|&v| v != 0);
-            self.chosen[found] = at as u32;
-            found += usize::from(self.groups[model].code(coder, value, LIMIT));
+        let Self { groups, classes, before, contexts, flags, chosen, .. } = self;
+        // Half of the channels is compared, because twice the sum may not fit 32 bits.
+        let half = (channels.start / 2) as u32;
+        let untouched = if last { 3 } else { 0 };
+        contexts.clear();
+        contexts.extend(before.iter().zip(&*classes).map(|(&before, &class)| {
+            let state = if before == 0 { untouched } else { 1 + u8::from(before > half) };
+            state * CLASSES as u8 + class
+        }));
+        flags.resize(contexts.len(), false);
+        if C::ENCODING {
+            let width = self.channels.div_ceil(LANES);
+            for (flag, levels) in flags.iter_mut().zip(level.levels.chunks_exact(width)) {
+                *flag = levels.as_flattened()[channels.clone()].iter().any(|&v| v != 0);
+            }
         }
-        self.chosen.truncate(found);
+        coder.decisions(groups, contexts, LIMIT, flags);
+        keep(chosen, flags);
     }
 
-    /// Codes channel `channel`, number `i` of its group, of the chosen rows: first the symbols of all,
-    /// then their plain bits.
-    fn code_magnitudes<C: Coder>(
+    /// Codes a group of channels of the chosen rows, channel by channel: first the symbols of all rows, then their
+    /// plain bits.
+    fn code_group<C: Coder>(
         &mut self,
         coder: &mut C,
         level: &mut LevelRows,
-        channel: usize,
-        i: usize,
+        channels: Range<usize>,
     ) {
-        let width = self.channels.div_ceil(LANES);
-        let (lane, activity) = (channel / LANES, channel % ACTIVITIES);
-        let position = if self.channels > UNGROUPED { i } else { 0 };
-        let Self { magnitudes, expected, chosen, sums, contexts, shifts, symbols, .. } = self;
-        contexts.clear();
-        shifts.clear();
-        for (&at, &sum) in chosen.iter().zip(&*sums) {
-            let above = expected[level.active[at as usize] as usize][activity];
-            let expected = expected_in_group(above, sum, i);
-            let state = 2 * position + usize::from(sum != 0);
-            contexts.push((state * CLASSES + class_of(expected)) as u8);
-            shifts.push(plain_bits(expected) as u8);
+        let stride = self.channels.div_ceil(LANES) * LANES;
+        let Self {
+            magnitudes,
+            expected,
+            chosen,
+            above,
+            sums,
+            values,
+            contexts,
+            shifts,
+            symbols,
+            ..
+        } = self;
+        let levels = level.levels.as_flattened_mut();
+        above.iter_mut().for_each(|above| above.resize(chosen.len(), 0.0));
+        let [a, b, c] = &mut *above;
+        for (((&at, a), b), c) in chosen.iter().zip(a).zip(b).zip(c) {
+            [*a, *b, *c, _] = expected[level.active[at as usize] as usize];
         }
-        symbols.clear();
-        symbols.resize(chosen.len(), 0);
-        if C::ENCODING {
-            for ((symbol, &at), &shift) in symbols.iter_mut().zip(&*chosen).zip(&*shifts) {
-                let value = level.levels[at as usize * width + lane][channel % LANES];
-                *symbol = (value.unsigned_abs() >> shift).min(ESCAPE) as u8;
+        sums.clear();
+        sums.resize(chosen.len(), 0);
+        for (i, channel) in channels.enumerate() {
+            let position = if self.channels > UNGROUPED { i } else { 0 };
+            find_contexts(&above[channel % ACTIVITIES], sums, i, position, contexts, shifts);
+            symbols.resize(chosen.len(), 0);
+            values.resize(chosen.len(), 0);
+            if C::ENCODING {
+                for (value, &at) in values.iter_mut().zip(&*chosen) {
+                    *value = levels[at as usize * stride + channel];
+                }
+                for ((symbol, value), &shift) in symbols.iter_mut().zip(&*values).zip(&*shifts) {
+                    *symbol = (value.unsigned_abs() >> shift).min(ESCAPE) as u8;
+                }
+            }
+            coder.symbols(magnitudes, contexts, symbols);
+            coder.rests(symbols, shifts, values);
+            for (sum, value) in sums.iter_mut().zip(&*values) {
+                *sum = sum.saturating_add(value.unsigned_abs());
+            }
+            if !C::ENCODING {
+                for (&at, &value) in chosen.iter().zip(&*values) {
+                    levels[at as usize * stride + channel] = value;
+                }
             }
         }
-        coder.symbols(magnitudes, contexts, symbols);
-        for (((&at, sum), &symbol), &shift) in chosen.iter().zip(sums).zip(&*symbols).zip(&*shifts)
-        {
-            let value = &mut level.levels[at as usize * width + lane][channel % LANES];
-            *value = code_rest(coder, symbol.into(), shift.into(), *value);
-            *sum = sum.saturating_add(value.unsigned_abs());
+        for (&at, &sum) in chosen.iter().zip(&*sums) {
+            let before = &mut self.before[at as usize];
+            *before = before.saturating_add(sum);
         }
     }
 
@@ -340,27 +368,39 @@ impl RowCoder {
     }
 }
 
-/// Sum of magnitudes.
-#[inline(always)]
-fn magnitudes(levels: &[i32]) -> u32 {
-    levels.iter().fold(0, |sum: u32, v| sum.saturating_add(v.unsigned_abs()))
+/// Fills `kept` with the numbers of the flags that are set, and returns how many they are.
+fn keep(kept: &mut Vec<u32>, flags: &[bool]) -> usize {
+    // A branch on what is decoded could not be predicted: every number is entered, and kept if its flag is set.
+    kept.resize(flags.len(), 0);
+    let mut found = 0;
+    for (number, &flag) in flags.iter().enumerate() {
+        kept[found] = number as u32;
+        found += usize::from(flag);
+    }
+    kept.truncate(found);
+    found
 }
 
-/// Codes the rest of a level in plain bits: the excess over the escape symbol, the low bits and the
-/// sign.
-#[inline(always)]
-fn code_rest<C: Coder>(coder: &mut C, symbol: u32, shift: u32, level: i32) -> i32 {
-    let magnitude = level.unsigned_abs();
-    let mut high = symbol;
-    if symbol == ESCAPE {
-        let rest = code_gamma(coder, (magnitude >> shift).saturating_sub(ESCAPE));
-        high = ESCAPE.saturating_add(rest);
+/// Finds the contexts and the numbers of plain bits of channel `i` of a group. `position` is `i`, 0 if there is one
+/// group only.
+#[multiversion(targets("x86_64+avx2+bmi1+bmi2+lzcnt"))]
+fn find_contexts(
+    above: &[f32],
+    sums: &[u32],
+    i: usize,
+    position: usize,
+    contexts: &mut Vec<u8>,
+    shifts: &mut Vec<u8>,
+) {
+    contexts.resize(above.len(), 0);
+    shifts.resize(above.len(), 0);
+    let out = contexts.iter_mut().zip(shifts);
+    for ((context, shift), (&above, &sum)) in out.zip(above.iter().zip(sums)) {
+        let expected = expected_in_group(above, sum, i);
+        let state = 2 * position + usize::from(sum != 0);
+        *context = (state * CLASSES + class_of(expected)) as u8;
+        *shift = plain_bits(expected) as u8;
     }
-    let high = high.min(i32::MAX as u32 >> shift);
-    let low = magnitude & ((1 << shift) - 1);
-    let (low, negative) = coder.bits_and_sign(high, low, shift, level < 0);
-    let (magnitude, sign) = ((high << shift | low) as i32, -i32::from(negative));
-    (magnitude ^ sign).wrapping_sub(sign)
 }
 
 const _: () = assert!(SCALE_BITS < 16 && UNGROUPED >= GROUP && LANES > ACTIVITIES);

@@ -29,6 +29,7 @@ use crate::leaf::Leaf;
 use crate::limits::Limits;
 use crate::octree::{Octree, check_count, check_depth};
 use models::GeometryModels;
+use multiversion::multiversion;
 use tree::CodedTree;
 
 /// Leaves that are coded as a sample, with slabs and without.
@@ -122,6 +123,7 @@ struct Shape {
     slabs: bool,
 }
 
+#[multiversion(targets("x86_64+avx2+bmi1+bmi2+lzcnt+popcnt"))]
 fn decode_counted(coder: &mut RansDecoder<'_>, shape: Shape) -> Result<Vec<Leaf>> {
     check_count(shape.count as u64)?;
     let leaves = code(coder, None, shape)?;
@@ -132,6 +134,7 @@ fn decode_counted(coder: &mut RansDecoder<'_>, shape: Shape) -> Result<Vec<Leaf>
 }
 
 /// Codes or decodes the levels of the tree from the root down.
+#[inline(always)]
 fn code<C: Coder>(coder: &mut C, leaves: Option<&[Leaf]>, shape: Shape) -> Result<Vec<Leaf>> {
     let Shape { count, depth, slabs } = shape;
     if count == 0 {

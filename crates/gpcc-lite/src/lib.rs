@@ -37,6 +37,7 @@
 //! The README shows a whole round trip with quantisation and entropy coding.
 
 pub mod attribute;
+mod bit;
 mod bytes;
 pub mod coder;
 mod coefficients;

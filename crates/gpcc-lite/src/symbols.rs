@@ -18,9 +18,10 @@ const MAX_INTERVAL: u8 = 64;
 /// coder uses are made from the counts after 4 observations, after 8 more, 16 more, 32 more, and
 /// then every 64: so learning is cheap.
 #[derive(Clone, Copy, Debug)]
+#[repr(align(64))]
 pub struct Symbols {
-    /// Start of each symbol's interval; the last interval ends at `2^SCALE_BITS`.
-    start: [i16; SYMBOLS],
+    /// Start of each symbol's interval, and the end of the last.
+    start: [u16; SYMBOLS + 1],
     counts: [u16; SYMBOLS],
     /// Observations left until the intervals are made again, and how many there were at first.
     wait: u8,
@@ -42,8 +43,12 @@ impl Symbols {
             left = beyond;
             count as u16 + 1
         });
-        let mut this =
-            Self { counts, start: [0; SYMBOLS], wait: FIRST_INTERVAL, interval: FIRST_INTERVAL };
+        let mut this = Self {
+            counts,
+            start: [1 << SCALE_BITS; SYMBOLS + 1],
+            wait: FIRST_INTERVAL,
+            interval: FIRST_INTERVAL,
+        };
         this.make_intervals(this.sum());
         this
     }
@@ -58,7 +63,7 @@ impl Symbols {
         let scale = (u64::from(spare) << 32) / u64::from(sum);
         let mut before = 0u32;
         for (s, (out, &count)) in self.start.iter_mut().zip(&self.counts).enumerate() {
-            *out = s as i16 + ((u64::from(before) * scale) >> 32) as i16;
+            *out = s as u16 + ((u64::from(before) * scale) >> 32) as u16;
             before += u32::from(count);
         }
     }
@@ -66,17 +71,17 @@ impl Symbols {
     /// Start and size of a symbol's interval.
     #[inline]
     pub(crate) fn interval(&self, symbol: usize) -> (u32, u32) {
-        let start = self.start[symbol % SYMBOLS] as u32;
-        // The end of the last interval is 2^15, which is 0 here.
-        let end = self.start[(symbol + 1) % SYMBOLS] as u32;
-        (start, end.wrapping_sub(start) % (1 << SCALE_BITS))
+        let symbol = symbol % SYMBOLS;
+        let start = u32::from(self.start[symbol]);
+        (start, u32::from(self.start[symbol + 1]) - start)
     }
 
     /// The symbol whose interval holds a code. The code is compared with all starts, because a
     /// search would end at a place that no processor predicts.
     #[inline]
     pub(crate) fn find(&self, code: u32) -> usize {
-        let above = i16x16::new(self.start).simd_gt(i16x16::splat(code as i16)).to_bitmask();
+        let starts = std::array::from_fn(|s| self.start[s] as i16);
+        let above = i16x16::new(starts).simd_gt(i16x16::splat(code as i16)).to_bitmask();
         (above | 1 << SYMBOLS).trailing_zeros() as usize - 1
     }
 
@@ -90,7 +95,7 @@ impl Symbols {
         }
     }
 
-    #[inline(never)]
+    #[cold]
     fn renew(&mut self) {
         let mut sum = self.sum();
         if sum >= u32::from(INCREMENT) * HALVE_AFTER {

@@ -37,10 +37,8 @@ fn reconstruct_rows(
         };
         let scale = plan.scale_of(k);
         for (((left, right), levels), step) in left.iter_mut().zip(right).zip(levels).zip(&all) {
-            for i in 0..LANES {
-                right[i] = levels[i] as f32 * step[i] * scale;
-            }
-            raht::undo(left, right, share);
+            let difference = std::array::from_fn(|i| levels[i] as f32 * step[i] * scale);
+            raht::undo(left, right, difference, share);
         }
     }
 }

@@ -1,9 +1,11 @@
 //! Reads a stream, symbol by symbol.
 
-use super::{Coder, LOWEST, STATES};
+use super::{Coder, ESCAPE, LOWEST, STATES, code_rest};
+use crate::bit::Bit;
 use crate::bytes::{BitReader, ByteReader};
 use crate::error::{Error, Result};
 use crate::symbols::{SCALE_BITS, Symbols};
+use multiversion::multiversion;
 
 /// The decoder half of the [coder](super).
 #[derive(Clone, Debug)]
@@ -58,6 +60,50 @@ impl<'a> RansDecoder<'a> {
         Ok(())
     }
 
+    /// Decodes values one after another, each by the model of its context. `decode` takes a model and a code, and returns
+    /// the value and its interval.
+    #[inline(always)]
+    fn each<M, V>(
+        &mut self,
+        models: &mut [M],
+        contexts: &[u8],
+        values: &mut [V],
+        decode: impl Fn(&mut M, u32) -> (V, u32, u32),
+    ) {
+        // In registers: the states in the order of their turns.
+        let mut states: [u32; STATES] =
+            std::array::from_fn(|i| self.states[(self.turn + i) % STATES]);
+        let (words, mut taken) = (self.words, self.taken);
+        let mut one = |state: &mut u32, context: u8, value: &mut V| {
+            let code = *state & ((1 << SCALE_BITS) - 1);
+            let (start, size);
+            (*value, start, size) = decode(&mut models[usize::from(context)], code);
+            *state = refilled(outside(*state, code - start, size), words, &mut taken);
+        };
+        let (contexts, last_contexts) = contexts.as_chunks::<STATES>();
+        let (values, last_values) = values.as_chunks_mut::<STATES>();
+        for (contexts, values) in contexts.iter().zip(values) {
+            for i in 0..STATES {
+                one(&mut states[i], contexts[i], &mut values[i]);
+            }
+        }
+        for (i, (&context, value)) in last_contexts.iter().zip(last_values).enumerate() {
+            one(&mut states[i], context, value);
+        }
+        self.taken = taken;
+        for (i, state) in states.into_iter().enumerate() {
+            self.states[(self.turn + i) % STATES] = state;
+        }
+        self.turn = (self.turn + last_contexts.len()) % STATES;
+    }
+
+    /// The rest of one level.
+    #[cold]
+    #[inline(never)]
+    fn rest(&mut self, symbol: u32, shift: u32) -> i32 {
+        code_rest(self, symbol, shift, 0)
+    }
+
     /// Removes the symbol with this interval from state `x`, the state whose turn it is.
     #[inline(always)]
     fn advance(&mut self, x: u32, code: u32, start: u32, size: u32) {
@@ -108,31 +154,16 @@ impl Coder for RansDecoder<'_> {
         symbol
     }
 
+    fn decisions(&mut self, models: &mut [Bit], contexts: &[u8], limit: u32, values: &mut [bool]) {
+        decisions(self, models, contexts, limit, values);
+    }
+
     fn symbols(&mut self, models: &mut [Symbols], contexts: &[u8], values: &mut [u8]) {
-        let (contexts, last_contexts) = contexts.as_chunks::<STATES>();
-        let (values, last_values) = values.as_chunks_mut::<STATES>();
-        // In registers: the states in the order of their turns.
-        let mut states: [u32; STATES] =
-            std::array::from_fn(|i| self.states[(self.turn + i) % STATES]);
-        let (words, mut taken) = (self.words, self.taken);
-        for (contexts, values) in contexts.iter().zip(values) {
-            for i in 0..STATES {
-                let model = &mut models[usize::from(contexts[i])];
-                let code = states[i] & ((1 << SCALE_BITS) - 1);
-                let symbol = model.find(code);
-                let (start, size) = model.interval(symbol);
-                states[i] = refilled(outside(states[i], code - start, size), words, &mut taken);
-                model.learn(symbol);
-                values[i] = symbol as u8;
-            }
-        }
-        self.taken = taken;
-        for (i, state) in states.into_iter().enumerate() {
-            self.states[(self.turn + i) % STATES] = state;
-        }
-        for (&context, value) in last_contexts.iter().zip(last_values) {
-            *value = self.symbol(&mut models[usize::from(context)], 0) as u8;
-        }
+        symbols(self, models, contexts, values);
+    }
+
+    fn rests(&mut self, symbols: &[u8], shifts: &[u8], levels: &mut [i32]) {
+        rests(self, symbols, shifts, levels);
     }
 
     #[inline]
@@ -154,4 +185,61 @@ impl Coder for RansDecoder<'_> {
     fn exhausted(&self) -> bool {
         self.taken > self.words.len() || self.plain.overrun()
     }
+}
+
+/// [`Coder::decisions`]; with the instructions of newer processors, as the two below.
+#[multiversion(targets("x86_64+avx2+bmi1+bmi2+lzcnt"))]
+fn decisions(
+    coder: &mut RansDecoder<'_>,
+    models: &mut [Bit],
+    contexts: &[u8],
+    limit: u32,
+    values: &mut [bool],
+) {
+    coder.each(models, contexts, values, |model, code| {
+        let p1 = model.p1();
+        let value = code < p1;
+        model.learn(value, limit);
+        let (start, size) = if value { (0, p1) } else { (p1, (1 << SCALE_BITS) - p1) };
+        (value, start, size)
+    });
+}
+
+/// [`Coder::symbols`].
+#[multiversion(targets("x86_64+avx2+bmi1+bmi2+lzcnt"))]
+fn symbols(
+    coder: &mut RansDecoder<'_>,
+    models: &mut [Symbols],
+    contexts: &[u8],
+    values: &mut [u8],
+) {
+    coder.each(models, contexts, values, |model, code| {
+        let symbol = model.find(code);
+        let (start, size) = model.interval(symbol);
+        model.learn(symbol);
+        (symbol as u8, start, size)
+    });
+}
+
+/// [`Coder::rests`].
+#[multiversion(targets("x86_64+avx2+bmi1+bmi2+lzcnt"))]
+fn rests(coder: &mut RansDecoder<'_>, symbols: &[u8], shifts: &[u8], levels: &mut [i32]) {
+    // In registers.
+    let mut plain = coder.plain;
+    for ((&symbol, &shift), level) in symbols.iter().zip(shifts).zip(levels) {
+        let (symbol, shift) = (u32::from(symbol), u32::from(shift));
+        // One comparison, which can be predicted: of zeros with plain bits, and of many plain bits.
+        if shift > (16 * symbol).min(27) || symbol == ESCAPE {
+            coder.plain = plain;
+            *level = coder.rest(symbol, shift);
+            plain = coder.plain;
+            continue;
+        }
+        // Most: how many bits there are does not depend on them.
+        let signed = u32::from(symbol != 0);
+        let bits = plain.get(shift + signed);
+        let sign = (bits & signed) as i32;
+        *level = ((symbol << shift | bits >> signed) as i32 ^ -sign) + sign;
+    }
+    coder.plain = plain;
 }

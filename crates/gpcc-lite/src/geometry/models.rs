@@ -41,6 +41,7 @@ impl GeometryModels {
     }
 
     /// Codes whether there is exactly one leaf below a node.
+    #[inline]
     pub(super) fn single<C: Coder>(
         &mut self,
         coder: &mut C,
@@ -51,6 +52,7 @@ impl GeometryModels {
     }
 
     /// Codes the single leaf below a node.
+    #[inline]
     pub(super) fn leaf<C: Coder>(
         &mut self,
         coder: &mut C,
@@ -101,6 +103,7 @@ impl GeometryModels {
     }
 
     /// Codes which children of a node are occupied.
+    #[inline(always)]
     pub(super) fn occupancy<C: Coder>(
         &mut self,
         coder: &mut C,

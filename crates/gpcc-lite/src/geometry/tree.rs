@@ -46,6 +46,7 @@ impl<'a> CodedTree<'a> {
     }
 
     /// Codes the nodes at `depth`: their single leaves, or their children.
+    #[inline(always)]
     pub(super) fn level<C: Coder>(
         &mut self,
         depth: u8,
