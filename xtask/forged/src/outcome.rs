@@ -9,10 +9,10 @@ const CHUNKS: usize = 8;
 /// more depends on the machine.
 const MANY: u64 = 1 << 23;
 
-/// What was seen so far.
-struct Seen(u32);
+/// A checksum of what was seen so far.
+struct Digest(u32);
 
-impl Seen {
+impl Digest {
     fn bytes(&mut self, bytes: &[u8]) {
         self.0 = crc32c::crc32c_append(self.0, bytes);
     }
@@ -49,50 +49,50 @@ impl Seen {
 /// If a reader shows after an error what it should not.
 #[must_use]
 pub fn outcome(bytes: &[u8]) -> u32 {
-    let mut seen = Seen(0);
+    let mut digest = Digest(0);
     let mut options = DecodeOptions::default();
     let whole = decode_with(bytes, &options);
     let accepted = whole.is_ok();
-    seen.decoded(&whole);
+    digest.decoded(&whole);
     if matches!(whole, Err(Error::Limit { .. })) {
         // A claim takes no memory, even where none is refused.
         options.max_gaussians = Some(u64::MAX);
         assert!(decode_with(bytes, &options).is_err(), "a claim without Gaussians");
     }
     (options.salvage, options.max_gaussians) = (true, Some(MANY));
-    seen.decoded(&decode_with(bytes, &options));
+    digest.decoded(&decode_with(bytes, &options));
     (options.lod, options.max_sh_degree) = (9, 1);
-    seen.decoded(&decode_with(bytes, &options));
+    digest.decoded(&decode_with(bytes, &options));
     match decode_leaves(bytes) {
         Ok((octree, classes)) => {
-            octree.leaves().iter().for_each(|leaf| seen.bytes(&leaf.morton.to_le_bytes()));
-            seen.bytes(&classes);
+            octree.leaves().iter().for_each(|leaf| digest.bytes(&leaf.morton.to_le_bytes()));
+            digest.bytes(&classes);
         }
-        Err(e) => seen.error(&e),
+        Err(e) => digest.error(&e),
     }
-    in_parts(bytes, &mut seen);
-    seen.0 & !1 | u32::from(accepted)
+    in_parts(bytes, &mut digest);
+    digest.0 & !1 | u32::from(accepted)
 }
 
 /// A reader that goes from chunk to chunk, and on after errors.
-fn in_parts(bytes: &[u8], seen: &mut Seen) {
+fn in_parts(bytes: &[u8], digest: &mut Digest) {
     let mut reader = Reader::new();
     let middle = bytes.len() / 2;
     for (at, part) in [(middle, &bytes[middle..]), (0, &bytes[..middle])] {
         if let Err(e) = reader.give(at as u64, part) {
-            return seen.error(&e);
+            return digest.error(&e);
         }
     }
     let Some(index) = reader.index().cloned() else { return };
     for (chunk, entry) in index.chunks.iter().enumerate().take(CHUNKS) {
         let Err(e) = reader.hold(chunk, entry.layers.len()) else {
-            seen.scene(&held(&mut reader));
+            digest.scene(&held(&mut reader));
             continue;
         };
         if entry.count > MANY {
             continue;
         }
-        seen.error(&e);
+        digest.error(&e);
         // What is held now is what fewer layers hold in a reader that has seen no other chunk.
         let after = held(&mut reader);
         let mut fresh = Reader::new();
@@ -104,7 +104,7 @@ fn in_parts(bytes: &[u8], seen: &mut Seen) {
             Some(_) => assert!(same(&held(&mut fresh), &after), "chunk {chunk}"),
             None => assert!(after.is_empty(), "chunk {chunk}"),
         }
-        seen.scene(&after);
+        digest.scene(&after);
     }
 }
 
@@ -118,9 +118,9 @@ fn held(reader: &mut Reader) -> Scene {
 
 fn same(a: &Scene, b: &Scene) -> bool {
     let digest = |scene: &Scene| {
-        let mut seen = Seen(0);
-        seen.scene(scene);
-        (scene.len(), seen.0)
+        let mut digest = Digest(0);
+        digest.scene(scene);
+        (scene.len(), digest.0)
     };
     digest(a) == digest(b)
 }

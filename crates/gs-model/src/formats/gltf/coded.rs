@@ -12,7 +12,7 @@ use crate::scene::Scene;
 use crate::spz as spz_file;
 
 /// A compressed primitive.
-pub(super) struct Coded<'a> {
+pub(super) struct CompressedPrimitive<'a> {
     pub(super) decoder: Decoder,
     pub(super) data: &'a [u8],
     /// Gaussians that its accessors promise. SPZ says their number itself.
@@ -42,7 +42,7 @@ impl Decoder {
     }
 }
 
-impl<'a> Coded<'a> {
+impl<'a> CompressedPrimitive<'a> {
     /// The data of a primitive, if it is compressed; an error is what is wrong with it.
     pub(super) fn of(
         root: &Root,

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::accessor::Numbers;
 use super::buffers::Buffers;
-use super::coded::{Coded, Decoder};
+use super::coded::{CompressedPrimitive, Decoder};
 use super::instances::{Instance, instances};
 use super::json::{POINTS, Primitive, Root, SplatExtension};
 use super::{EXTENSION, FORMAT, attribute, container, malformed, sh_attribute, spz};
@@ -126,7 +126,7 @@ fn bound(parts: &[&Part<'_>], data_len: u64, trusted: Option<u64>) -> Result<(),
     for part in parts {
         match &part.data {
             Data::Plain(attributes) => plain = plain.saturating_add(attributes.means.count as u64),
-            Data::Coded(part) => {
+            Data::CompressedPrimitive(part) => {
                 coded_len += part.data.len() as u64;
                 // The reader of SPZ has its own bound.
                 if let Decoder::Codec(codec) = part.decoder {
@@ -146,7 +146,7 @@ fn bound(parts: &[&Part<'_>], data_len: u64, trusted: Option<u64>) -> Result<(),
 /// The form of the file in words.
 fn form(parts: &[&Part<'_>]) -> String {
     let coded = parts.iter().find_map(|part| match &part.data {
-        Data::Coded(coded) => Some(coded.decoder.extension()),
+        Data::CompressedPrimitive(coded) => Some(coded.decoder.extension()),
         Data::Plain(_) => None,
     });
     match coded {
@@ -196,7 +196,7 @@ struct Part<'a> {
 impl Part<'_> {
     fn len(&self) -> usize {
         match &self.data {
-            Data::Coded(coded) => coded.count.unwrap_or_default(),
+            Data::CompressedPrimitive(coded) => coded.count.unwrap_or_default(),
             Data::Plain(attributes) => attributes.means.count,
         }
     }
@@ -205,14 +205,16 @@ impl Part<'_> {
     /// they are for those of glTF, and so do nodes.
     fn axes(&self) -> &'static crate::axes::Signs {
         match &self.data {
-            Data::Coded(Coded { decoder: Decoder::Spz, .. }) => &ABOUT_X,
+            Data::CompressedPrimitive(CompressedPrimitive { decoder: Decoder::Spz, .. }) => {
+                &ABOUT_X
+            }
             _ => &ABOUT_Z,
         }
     }
 
     fn scene(&self, file: &Path, options: &ReadOptions) -> Result<(Scene, Vec<String>)> {
         match &self.data {
-            Data::Coded(coded) => {
+            Data::CompressedPrimitive(coded) => {
                 coded.scene(options).map_err(|why| malformed(file, &self.place, why))
             }
             Data::Plain(attributes) => Ok((attributes.scene(file)?, Vec::new())),
@@ -223,7 +225,7 @@ impl Part<'_> {
 /// Where its numbers are.
 enum Data<'a> {
     Plain(Attributes<'a>),
-    Coded(Coded<'a>),
+    CompressedPrimitive(CompressedPrimitive<'a>),
 }
 
 impl<'a> Data<'a> {
@@ -238,8 +240,8 @@ impl<'a> Data<'a> {
         if let Some(problem) = not_read(primitive, splats) {
             return Err(whole(problem));
         }
-        match Coded::of(root, buffers, primitive, splats, codec).map_err(whole)? {
-            Some(coded) => Ok(Self::Coded(coded)),
+        match CompressedPrimitive::of(root, buffers, primitive, splats, codec).map_err(whole)? {
+            Some(coded) => Ok(Self::CompressedPrimitive(coded)),
             None => Attributes::of(root, buffers, primitive).map(Self::Plain),
         }
     }
