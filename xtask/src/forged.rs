@@ -5,12 +5,11 @@
 //! There the golden streams follow, and on 32 bits the seeds of all fuzz targets, with mutations of each.
 //! What cannot be had is skipped, and said.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::{Command, Stdio};
 use std::time::Instant;
 
-use anyhow::{Context, Result, bail, ensure};
-use eval::page::{Page, Table};
+use anyhow::{Context, Result, ensure};
 use eval::scenes;
 use serde_json::Value;
 use xshell::{Shell, cmd};
@@ -43,9 +42,6 @@ pub(crate) struct ForgedArgs {
     /// Build without optimisation: for few streams
     #[arg(long)]
     quick: bool,
-    /// Write the figures as a page [of the results: docs/results/forged.md]
-    #[arg(long, value_name = "FILE")]
-    page: Option<PathBuf>,
 }
 
 /// What became of the streams at one border.
@@ -59,12 +55,6 @@ struct Outcome {
 impl Outcome {
     fn failed(&self) -> usize {
         self.figures["failed"].as_array().map_or(usize::MAX, Vec::len)
-    }
-
-    /// Mebibytes, where the program knows.
-    fn peak(&self) -> String {
-        let peak = self.figures["peak"].as_f64();
-        peak.map_or("-".into(), |bytes| format!("{:.0}", bytes / f64::from(1 << 20)))
     }
 }
 
@@ -141,11 +131,7 @@ pub(crate) fn run(args: &ForgedArgs) -> Result<()> {
     let differing = differing(&outcomes);
     ensure!(differing.is_empty(), "forged streams: {}", differing.join("; "));
     println!("{} streams, {} borders agree, {skipped} skipped", args.count, outcomes.len());
-    match &args.page {
-        Some(_) if skipped > 0 => bail!("the page needs every border"),
-        Some(out) => write(out, args, &outcomes),
-        None => Ok(()),
-    }
+    Ok(())
 }
 
 /// Mutations of each seed of a fuzz target.
@@ -228,27 +214,6 @@ fn differing(outcomes: &[Outcome]) -> Vec<String> {
         }
     }
     out
-}
-
-fn write(out: &Path, args: &ForgedArgs, outcomes: &[Outcome]) -> Result<()> {
-    let mut page = Page::new(out, "Forged streams");
-    let count = args.count;
-    page.text(format!(
-        "`cargo xtask forged --page {}`: {count} streams that no encoder writes, most with right checksums, some with \
-         claims of up to 2^63 Gaussians, decoded whole, with salvage, in Rust also in parts, at another level of detail, and on after errors. None may panic, trap or abort.",
-        out.display(),
-    ));
-    let mut table = Table::new("border | streams | a scene came out | failures | memory, MiB");
-    for o in outcomes {
-        let (border, accepted, failed) = (o.border, &o.figures["accepted"], o.failed());
-        table.row(format!("{border} | {count} | {accepted} | {failed} | {}", o.peak()));
-    }
-    page.table(&table);
-    page.text(
-        "All agree on every scene that came out, the first three also on every word of every error, of the golden \
-         streams too. Memory is the peak of the process or of the WebAssembly instance.",
-    );
-    page.write()
 }
 
 #[cfg(test)]

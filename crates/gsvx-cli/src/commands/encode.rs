@@ -191,24 +191,23 @@ pub(crate) fn run(args: &EncodeArgs, report: Reporter) -> Result<()> {
             "{name}: encode writes gsvx streams; name it .gsvx, or use gsvx convert to write .{extension}"
         )));
     }
+    let mut models = inputs.clone();
     if let Some(fps) = args.fps {
-        let frames = sequence::frames(inputs)?;
-        if frames.len() > 1 {
+        models = sequence::frames(inputs)?;
+        if models.len() > 1 {
             let quality = args.scene.content.quality();
             let (group, encode) = (args.group.into(), args.options());
             let options = SequenceOptions { fps, quality, group, encode };
-            return sequence::encode(&args.scene, &frames, options, report);
+            return sequence::encode_frames(&args.scene, &models, options, report);
         }
         note(format_args!("note: one frame is no sequence; it becomes a static stream"));
-        let jobs = batch::jobs(&frames, output, STREAM, *force)?;
-        return batch::run(&jobs, |job| encode_file(args, job, report));
     }
     if let Some(part) = args.part {
         return scale::part(&args.scene, part, report);
     }
     let as_one = inputs.len() > 1 && is_stream_name(output) && !output.is_dir();
     let large = scale::is_large(inputs) && inputs.len() == 1;
-    if as_one || large || room.memory.is_some() {
+    if args.fps.is_none() && (as_one || large || room.memory.is_some()) {
         match args.choices() {
             Ok(choices) => return scale::encode(&args.scene, choices, report),
             Err(why) if as_one => {
@@ -221,7 +220,7 @@ pub(crate) fn run(args: &EncodeArgs, report: Reporter) -> Result<()> {
             Err(_) => {}
         }
     }
-    let jobs = batch::jobs(inputs, output, STREAM, *force)?;
+    let jobs = batch::jobs(&models, output, STREAM, *force)?;
     batch::run(&jobs, |job| encode_file(args, job, report))
 }
 

@@ -65,7 +65,7 @@ fn number(path: &Path) -> Option<u64> {
 }
 
 /// Encodes frames.
-pub(crate) fn encode(
+pub(crate) fn encode_frames(
     args: &SceneArgs,
     frames: &[PathBuf],
     options: SequenceOptions,

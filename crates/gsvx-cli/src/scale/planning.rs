@@ -114,16 +114,14 @@ pub(crate) fn measure(
     cameras: Option<&PlanCameras>,
     proven: bool,
 ) -> Result<()> {
-    let cameras = cameras.filter(|_| file.cameras.is_some());
-    let Some(best) = measure_by(&mut file.plan, rows, cameras)? else { return Ok(()) };
-    let doubted = match cameras.filter(|_| !proven) {
-        Some(cameras) => cameras.is_doubted(&rows.tile(best)?, file.plan.choices())?,
-        None => false,
-    };
-    if doubted {
+    let mut cameras = cameras.filter(|_| file.cameras.is_some());
+    while let Some(best) = measure_by(&mut file.plan, rows, cameras)? {
+        let Some(doubtful) = cameras.filter(|_| !proven) else { break };
+        if !doubtful.is_doubted(&rows.tile(best)?, file.plan.choices())? {
+            break;
+        }
         file.plan.forget_cameras();
-        file.cameras = None;
-        measure_by(&mut file.plan, rows, None)?;
+        (file.cameras, cameras) = (None, None);
     }
     Ok(())
 }
