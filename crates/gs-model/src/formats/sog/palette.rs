@@ -18,13 +18,26 @@ const MOST: usize = 1 << 16;
 pub(super) struct Codebook(Vec<f32>);
 
 impl Codebook {
-    /// The codebook of finite numbers.
-    pub(super) fn of_each<const N: usize>(rows: &[[f32; N]], entries: usize) -> Self {
+    /// The codebook of finite numbers: multiples of the step, or if there is none, those that fit best.
+    pub(super) fn of_each<const N: usize>(rows: &[[f32; N]], step: Option<f32>) -> Self {
+        if let Some(step) = step {
+            return Self::even(rows.as_flattened(), step.into());
+        }
         let step = (N * rows.len()).div_ceil(SAMPLE).max(1);
         let numbers: Vec<[f32; 1]> = rows.iter().step_by(step).flatten().map(|&v| [v]).collect();
-        let mut entries = kmeans::cluster(&numbers, &vec![1.0; numbers.len()], entries).centres;
+        let mut entries = kmeans::cluster(&numbers, &vec![1.0; numbers.len()], ENTRIES).centres;
         entries.sort_by(|a, b| a[0].total_cmp(&b[0]));
         Self(entries.into_iter().flatten().collect())
+    }
+
+    /// Multiples of a step, of a larger one if these are too many.
+    fn even(numbers: &[f32], step: f64) -> Self {
+        let low = numbers.iter().copied().fold(f32::INFINITY, f32::min);
+        let high = numbers.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+        let step = step.max((f64::from(high) - f64::from(low)) / (ENTRIES - 2) as f64);
+        let first = (f64::from(low) / step).round();
+        let count = ((f64::from(high) / step).round() - first) as usize + 1;
+        Self((0..count).map(|k| ((first + k as f64) * step) as f32).collect())
     }
 
     /// The index of the nearest number.
@@ -54,9 +67,11 @@ pub(super) struct Palette {
 }
 
 impl Palette {
-    /// None for a scene without such coefficients. The scene has Gaussians.
+    /// None for a scene without such coefficients, or with zeros alone. The scene has Gaussians.
     pub(super) fn of(scene: &Scene, precision: &Precision) -> Option<Self> {
+        let is_zero = |i| scene.sh_of(i)[1..].as_flattened().iter().all(|&v| v == 0.0);
         match scene.sh_degree {
+            _ if (0..scene.len()).all(is_zero) => None,
             1 => Some(Self::trained::<9>(scene, precision)),
             2 => Some(Self::trained::<24>(scene, precision)),
             3 => Some(Self::trained::<45>(scene, precision)),
@@ -79,7 +94,7 @@ impl Palette {
         let mut places = vec![0; centres.len()];
         order.iter().enumerate().for_each(|(place, &entry)| places[entry] = place as u16);
         Self {
-            codebook: Codebook::of_each(&centres, precision.entries),
+            codebook: Codebook::of_each(&centres, precision.steps[2]),
             entries: order.iter().map(|&entry| centres[entry].to_vec()).collect(),
             of_gaussian: of_point.into_iter().map(|entry| places[entry as usize]).collect(),
         }

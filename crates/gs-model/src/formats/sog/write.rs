@@ -118,21 +118,26 @@ fn ordered(file: &Path, scene: &Scene, order: &[usize], precision: &Precision) -
         (width, pixels)
     };
     let (bounds, steps) = positions(scene, precision.spacing);
-    let scales = Codebook::of_each(&scene.log_scales, precision.entries);
+    let scales = Codebook::of_each(&scene.log_scales, precision.steps[0]);
     let base = |i: usize| scene.sh_of(i)[0];
     let colours =
-        Codebook::of_each(&(0..scene.len()).map(base).collect::<Vec<_>>(), precision.entries);
+        Codebook::of_each(&(0..scene.len()).map(base).collect::<Vec<_>>(), precision.steps[1]);
     let palette = Palette::of(scene, precision);
     let mut images = vec![
         ("means_l.webp", image(&|i| opaque(steps[i].map(|step| step as u8)))),
         ("means_u.webp", image(&|i| opaque(steps[i].map(|step| (step >> 8) as u8)))),
-        ("quats.webp", image(&|i| rotation(scene.rotations[i], precision.steps))),
+        ("quats.webp", image(&|i| rotation(scene.rotations[i], precision.byte_steps))),
         ("scales.webp", image(&|i| opaque(scene.log_scales[i].map(|v| scales.index(v))))),
         (
             "sh0.webp",
             image(&|i| {
                 let [r, g, b] = base(i).map(|v| colours.index(v));
-                [r, g, b, coarse(opacity_byte(scene.opacity_logits[i]).into(), precision.steps)]
+                [
+                    r,
+                    g,
+                    b,
+                    coarse(opacity_byte(scene.opacity_logits[i]).into(), precision.byte_steps),
+                ]
             }),
         ),
     ];
@@ -163,8 +168,9 @@ fn ordered(file: &Path, scene: &Scene, order: &[usize], precision: &Precision) -
         sh0: Indexed { codebook: colours.padded(), files: ["sh0.webp"] },
         sh_n,
     };
-    let json = serde_json::to_vec(&meta).map_err(|e| Error::json(file, META, &e))?;
-    files.push((META, json));
+    let json = serde_json::to_string(&meta).map_err(|e| Error::json(file, META, &e))?;
+    // Whole numbers, such as those that fill codebooks, without their ".0".
+    files.push((META, json.replace(".0,", ",").replace(".0]", "]").into_bytes()));
     Ok(files)
 }
 
