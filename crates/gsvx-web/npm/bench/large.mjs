@@ -16,6 +16,24 @@ const near = {
 };
 const far = { ...near, position: [97.5, 0.9, -63.3] };
 
+/**
+ * Opens a page of PlayCanvas on a list of places in the server's folder `data`, with options of test/pages/playcanvas.html,
+ * and waits until nothing more is fetched. `requests` are those of that folder.
+ */
+export async function streamed(browser, server, list, camera, options) {
+  const page = await browser.newPage({ viewport: { width: camera.width, height: camera.height }, deviceScaleFactor: 1 });
+  page.on('console', (m) => { if (m.type() === 'error') console.error(m.text()); });
+  const from = server.log.length;
+  const query = { url: `${server.base}/data/${list}`, camera: JSON.stringify(camera), options: JSON.stringify(options) };
+  await page.goto(`${server.base}/pages/playcanvas.html?${new URLSearchParams(query)}`);
+  await page.waitForFunction(() => window.state?.done || window.state?.error, null, { timeout: 300_000 });
+  for (let still = 0, seen = 0; still < STILL; still = server.log.length === seen ? still + 1 : 0) {
+    seen = server.log.length;
+    await page.waitForTimeout(1000);
+  }
+  return { page, requests: server.log.slice(from).filter(({ path }) => path.startsWith('/data/')) };
+}
+
 /** Measures the views of copies of the model at `source`. `npm` is the package's folder. */
 export async function large(source, npm, folder, pictures) {
   const [stream, tree] = ['large.gsvx', 'large'].map((name) => join(folder, name));
@@ -26,17 +44,8 @@ export async function large(source, npm, folder, pictures) {
   const browser = await launch();
   const views = [];
   for (const [name, camera] of [['near', near], ['far', far]]) {
-    const page = await browser.newPage({ viewport: { width: camera.width, height: camera.height }, deviceScaleFactor: 1 });
-    page.on('console', (m) => { if (m.type() === 'error') console.error(m.text()); });
-    const from = server.log.length;
-    const query = { url: `${server.base}/data/lod-meta.json`, camera: JSON.stringify(camera), options: JSON.stringify({ budget: BUDGET }) };
-    await page.goto(`${server.base}/pages/playcanvas.html?${new URLSearchParams(query)}`);
-    await page.waitForFunction(() => window.state?.done || window.state?.error, null, { timeout: 300_000 });
-    for (let still = 0, seen = 0; still < STILL; still = server.log.length === seen ? still + 1 : 0) {
-      seen = server.log.length;
-      await page.waitForTimeout(1000);
-    }
-    const files = server.log.slice(from).map(({ path }) => basename(path)).filter((file) => file.endsWith('.gsvx'));
+    const { page, requests } = await streamed(browser, server, 'lod-meta.json', camera, { budget: BUDGET });
+    const files = requests.map(({ path }) => basename(path)).filter((file) => file.endsWith('.gsvx'));
     const bytes = files.reduce((sum, file) => sum + statSync(join(tree, file)).size, 0);
     writeFileSync(join(pictures, `large-${name}.png`), await page.screenshot());
     views.push({ name, bytes, files: files.length, fine: files.filter((file) => file.startsWith('0-')).length });
