@@ -71,6 +71,7 @@ mod photo_check;
 #[cfg(feature = "reference")]
 pub mod reference;
 mod references;
+mod sh_as_seen;
 #[cfg(feature = "gpu")]
 mod shaders;
 mod shuffle;
@@ -91,6 +92,7 @@ pub use likeness::{Likeness, LossEstimate, LossViews, Viewpoint, doubted_loss, e
 pub use options::{LearningRates, Loss, MAX_EDGE, Profile, RenderOptions};
 pub use photo_check::PhotoCheck;
 pub use references::References;
+pub use sh_as_seen::cut_sh_as_seen;
 pub use stages::loss::ViewLoss;
 pub use stages::project_adjoint::ParameterGradient;
 pub use stages::removal::{Removal, removal};

@@ -1,7 +1,8 @@
 //! [`encode`]: from a model, with cameras or without, to a stream and what is to be said of it.
 
 use finetune::{
-    LossEstimate, References, Visibility, doubt_about_share, doubted_loss, estimate_loss,
+    LossEstimate, References, Visibility, cut_sh_as_seen, doubt_about_share, doubted_loss,
+    estimate_loss,
 };
 use gs_model::{Camera, Scene, View};
 use gsvx::importance::with_unseen;
@@ -162,6 +163,8 @@ pub struct EncodeInput {
     scene: Scene,
     /// The number of Gaussians of the whole model, and the indices of those here, if these are fewer.
     drawn: Option<(usize, Vec<usize>)>,
+    /// With SH of the degree that is asked for, if cameras chose what remains of higher ones.
+    reduced: Option<Scene>,
     importance: Option<Vec<f32>>,
     seen: Option<VisibilityCount>,
     proven: bool,
@@ -185,7 +188,10 @@ impl EncodeInput {
         let drop_unseen = options.prepare.drop_unseen;
         let CameraEvidence { importance, count: seen, doubts, proven } =
             CameraEvidence::of(&scene, cameras, photos, drop_unseen, &mut tell)?;
-        Ok(Self { scene, drawn, importance, seen, proven, doubts })
+        let degree = options.code.max_sh_degree;
+        let reduced = (importance.is_some() && scene.sh_degree > degree)
+            .then(|| cut_sh_as_seen(&scene, degree, cameras.unwrap_or_default()));
+        Ok(Self { scene, drawn, reduced, importance, seen, proven, doubts })
     }
 
     /// The model without what no rasterizer draws.
@@ -205,7 +211,7 @@ impl EncodeInput {
         mut progress: impl FnMut(EncodeEvent<'_>) -> ControlFlow<()>,
     ) -> Result<EncodeOutcome> {
         let EncodeRecipe { aim, options, cameras, .. } = *recipe;
-        let Self { scene, drawn, proven, .. } = self;
+        let Self { scene, drawn, .. } = self;
         let importance = self.importance.as_deref().filter(|_| cameras.is_some());
         // The likeness is to the model before pruning.
         let likeness = cameras.filter(|_| matches!(aim, Aim::Alike { .. }));
@@ -222,7 +228,7 @@ impl EncodeInput {
         }
         encoder.on_progress(move |event| progress(EncodeEvent::Encoder(event)));
         let Judgement { mut output, misfit, loss, seconds: estimate_seconds } =
-            judged(&mut encoder, scene, importance, recipe, *proven)?;
+            judged(&mut encoder, self, importance, recipe)?;
         let mut seen = self.seen.filter(|_| cameras.is_some());
         if let (Some(seen), Some(weights), None) = (&mut seen, importance, misfit) {
             let least = match options.prepare.drop_unseen {
@@ -300,13 +306,13 @@ struct Judgement {
 /// are not proven.
 fn judged(
     encoder: &mut Encoder<'_>,
-    scene: &Scene,
+    EncodeInput { scene, reduced, proven, .. }: &EncodeInput,
     importance: Option<&[f32]>,
     recipe: &EncodeRecipe<'_>,
-    proven: bool,
 ) -> gsvx::Result<Judgement> {
     let told = recipe.estimate && recipe.aim != Aim::Lossless;
-    let output = encoder.encode(scene, importance)?;
+    let reduced = reduced.as_ref().filter(|_| importance.is_some());
+    let output = encoder.encode(reduced.unwrap_or(scene), importance)?;
     let clock = Clock::start();
     // Lossless streams and bounds on errors have no quality, and no cameras can harm them.
     let refusable = importance.is_some()

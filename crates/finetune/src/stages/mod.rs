@@ -123,6 +123,12 @@ pub(crate) fn opacity_of(logit: f32) -> f32 {
     sigmoid(logit)
 }
 
+/// The SH basis of `degree` in the direction of a vector, and the inverse of its length.
+pub(crate) fn sh_basis_along(degree: u8, [x, y, z]: [f32; 3]) -> ([f32; 16], f32) {
+    let (unit, inverse) = direction(V3 { x, y, z });
+    (sh_basis(degree, unit), inverse)
+}
+
 include!("math/prelude.rs");
 include!("math/scalar.wgsl");
 include!("math/project.wgsl");
