@@ -83,7 +83,7 @@ pub(crate) struct Content {
     /// What a web page wants: the preset web if no quality is given, a coarse scene first, small chunks.
     #[arg(long, hide_short_help = true, help_heading = CONTENT)]
     pub(crate) web: bool,
-    /// Highest SH degree to keep.
+    /// Highest SH degree to keep. With --cameras, the coefficients of lower ones make up for it where the cameras look.
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u8).range(0..=3),
           value_name = "DEGREE", hide_short_help = true, help_heading = CONTENT)]
     max_sh_degree: u8,

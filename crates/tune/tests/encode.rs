@@ -2,6 +2,7 @@
 
 use std::ops::ControlFlow;
 
+use finetune::TrainView;
 use gs_model::{Camera, Scene, dataset, ply};
 use gsvx::{Aim, LEFT_OUT};
 use tune::{CameraDoubt, EncodeEvent, EncodeOutcome, EncodeRecipe, Error};
@@ -43,6 +44,24 @@ fn cameras_of_another_frame_decide_nothing() {
     cameras.iter_mut().for_each(|camera| camera.translation.z = -1e6);
     let recipe = EncodeRecipe { cameras: Some(&cameras), ..EncodeRecipe::default() };
     assert!(matches!(encode(&scene, &recipe), Err(Error::NothingSeen)));
+}
+
+#[test]
+fn with_cameras_a_lower_degree_keeps_the_colours_that_they_see() {
+    let (scene, cameras) = room();
+    let mut recipe = EncodeRecipe { cameras: Some(&cameras), ..EncodeRecipe::default() };
+    recipe.options.code.max_sh_degree = 1;
+    let mut cut = scene.clone();
+    cut.cut_sh(1);
+    let psnr = |model: &Scene| {
+        let encoded = encode(model, &recipe).unwrap().output.encoded;
+        let decoded = encoded.decode().unwrap();
+        assert_eq!(decoded.sh_degree, 1);
+        let views = cameras.iter().step_by(3).map(|c| TrainView::rendered(&scene, c.clone()));
+        views.map(|view| view.psnr(&decoded)).sum::<f64>()
+    };
+    let views = cameras.len().div_ceil(3) as f64;
+    assert!(psnr(&scene) > psnr(&cut) + 0.5 * views);
 }
 
 #[test]
