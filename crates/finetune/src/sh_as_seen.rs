@@ -55,7 +55,8 @@ impl Gram {
         for camera in cameras.iter().filter(|camera| sees(camera, mean)) {
             let from_eye = (mean - camera.position()).to_array().map(|v| v as f32);
             let (basis, inverse) = sh_basis_along(degree, from_eye);
-            let (basis, w) = (basis.map(f64::from), f64::from(inverse).powi(2));
+            let (basis, inverse) = (basis.map(f64::from), f64::from(inverse));
+            let w = inverse * inverse;
             weight += w;
             for (row, a) in gram.iter_mut().zip(basis) {
                 row.iter_mut().zip(basis).for_each(|(sum, b)| *sum += w * a * b);
