@@ -37,7 +37,8 @@ impl Default for SequenceOptions {
     }
 }
 
-/// Makes a sequence of frames, one after another.
+/// Makes a sequence of frames, one after another. Outliers, which are coded bit for bit, stand still where they are in the
+/// mean.
 #[derive(Debug)]
 pub struct SequenceEncoder {
     options: SequenceOptions,
