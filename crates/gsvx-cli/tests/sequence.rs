@@ -64,6 +64,7 @@ fn what_does_not_fit_is_one_line() {
     one_line(&run("decode @ -o @ --frame 2", &[&clip, &dir.join("a.ply")]), "no frame 2");
     failed(&run("convert @ @", &[&clip, &dir.join("a.ply")]), "gsvx decode --frame");
     wrong_usage(&run("decode @ -o @ --frames 2..2", &[&clip, &dir.join("a")]), "10..20");
+    one_line(&run("view @ --no-open", &[&clip]), "gsvx decode --frame 0");
     std::fs::remove_file(name(&folder, 1)).unwrap();
     assert!(common::heard(&encode(&folder)).contains("a static stream"));
     ok("decode @ -o @", &[&clip, &dir.join("a.ply")]);
@@ -86,6 +87,22 @@ fn what_does_not_fit_is_one_line() {
     let empty = dir.join("empty");
     std::fs::create_dir(&empty).unwrap();
     one_line(&encode(&empty), "holds no model");
+}
+
+#[test]
+fn what_no_frame_draws_and_what_stands_still_is_said() {
+    let dir = Folder::new();
+    let folder = frames(&dir, 2);
+    for frame in 0..2 {
+        let mut scene = read(&name(&folder, frame));
+        scene.opacity_logits[..3].fill(-9.0);
+        scene.means[5] = [1e9, 0.0, 0.0];
+        ply::write(name(&folder, frame), &scene).unwrap();
+    }
+    let clip = dir.join("clip.gsvx");
+    let heard = common::heard(&run("encode @ -o @ --fps 30", &[&folder, &clip]));
+    assert!(heard.contains("3 left out that no rasterizer draws"), "{heard}");
+    assert!(heard.contains("1 Gaussian far from all others"), "{heard}");
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! Sequences of frames: from models, to models, and what they hold.
 
-use crate::content::SceneArgs;
+use crate::content::{self, SceneArgs};
 use crate::exit::{note, usage};
 use crate::format;
 use crate::input::{self, Limit, ReadingAny};
@@ -84,6 +84,14 @@ pub(crate) fn encode_frames(
     }
     let bytes = encoder.finish()?;
     drop(meter);
+    let (transparent, outliers) = (encoder.transparent(), encoder.outliers());
+    if transparent > 0 {
+        note(content::transparent(transparent));
+    }
+    if outliers > 0 && frames.len() > 1 {
+        let far = counted(outliers, "Gaussian");
+        note(format_args!("{far} far from all others do not move: they stay in their mean place"));
+    }
     let sequence = Sequence::parse(&bytes)?;
     let written = output.write(|out| Ok(out.write_all(&bytes)?))?;
     let (seconds, groups) = (start.elapsed().as_secs_f64(), sequence.groups.len());
@@ -105,6 +113,8 @@ pub(crate) fn encode_frames(
         "quality": options.quality,
         "bytes": written.bytes,
         "input_bytes": input_bytes,
+        "transparent": transparent,
+        "outliers": outliers,
         "encode_seconds": seconds,
     });
     report.wrote(&written, &human, json)

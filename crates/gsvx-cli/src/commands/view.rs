@@ -6,13 +6,14 @@ mod server;
 mod start;
 mod stream_maker;
 
+use crate::commands::sequence;
 use crate::exit::note;
 use crate::input;
 use crate::interrupt;
 use crate::report::Reporter;
 use crate::size;
 use answer::AnswerPost;
-use anyhow::{Context, Result, anyhow};
+use anyhow::{Context, Result, anyhow, ensure};
 use serde_json::json;
 use start::Start;
 use std::net::TcpListener;
@@ -50,7 +51,14 @@ pub(crate) struct ViewArgs {
 /// Serves until it is interrupted.
 pub(crate) fn run(args: &ViewArgs, report: Reporter) -> Result<()> {
     // A file that cannot be shown is told before the browser opens.
-    args.files.iter().try_for_each(|file| input::open(file).map(drop))?;
+    for file in &args.files {
+        input::open(file)?;
+        ensure!(
+            !sequence::is_file(file),
+            "{}: a sequence of frames; write one with gsvx decode --frame 0 to view it",
+            file.display()
+        );
+    }
     let listener = TcpListener::bind(("127.0.0.1", args.port)).map_err(|e| {
         anyhow!("port {}: cannot be opened: {e}; name another with --port", args.port)
     })?;

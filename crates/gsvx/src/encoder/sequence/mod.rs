@@ -53,6 +53,9 @@ struct EncodedGroup {
     frames: usize,
     stream: Vec<u8>,
     motion: Vec<u8>,
+    /// Gaussians that no frame draws, and outliers.
+    transparent: usize,
+    outliers: usize,
 }
 
 impl SequenceEncoder {
@@ -108,16 +111,29 @@ impl SequenceEncoder {
         Ok(())
     }
 
-    /// The sequence.
+    /// The most Gaussians of a group, of those encoded so far, that are left out because no rasterizer draws them in any
+    /// frame.
+    #[must_use]
+    pub fn transparent(&self) -> usize {
+        self.groups.iter().map(|group| group.transparent).max().unwrap_or(0)
+    }
+
+    /// The most outliers of a group, of those encoded so far.
+    #[must_use]
+    pub fn outliers(&self) -> usize {
+        self.groups.iter().map(|group| group.outliers).max().unwrap_or(0)
+    }
+
+    /// The sequence of all frames that have come.
     ///
     /// # Errors
     /// As [`SequenceEncoder::push`].
-    pub fn finish(mut self) -> Result<Vec<u8>> {
+    pub fn finish(&mut self) -> Result<Vec<u8>> {
         self.close()?;
         let mut body = Writer::default();
         body.f32(self.options.fps);
         body.varint(self.groups.len() as u64);
-        for EncodedGroup { frames, stream, motion } in &self.groups {
+        for EncodedGroup { frames, stream, motion, .. } in &self.groups {
             body.varint(*frames as u64);
             body.varint(stream.len() as u64);
             body.varint(motion.len() as u64);
@@ -138,6 +154,7 @@ fn encode_group(tracks: Tracks, options: &SequenceOptions) -> Result<EncodedGrou
     let (frames, alive) = tracks.into_frames();
     let (steps, count) = (Steps::of_quality(*quality)?, frames.len());
     let reference = reference::reference(&frames);
+    let transparent = reference.drawn().map_or(0, |drawn| reference.len() - drawn.len());
     let Inside { scene, rows, mut leaves, outliers, log_size } =
         inside(&reference, None, *quality, &encode.prepare)?;
     let of = |row: usize| &alive[row * count..(row + 1) * count];
@@ -175,5 +192,12 @@ fn encode_group(tracks: Tracks, options: &SequenceOptions) -> Result<EncodedGrou
             Ok(())
         })?;
     }
-    Ok(EncodedGroup { frames: count, stream: encoded.bytes, motion: motion.bytes })
+    let outliers = outliers.map_or(0, |outliers| outliers.len());
+    Ok(EncodedGroup {
+        frames: count,
+        stream: encoded.bytes,
+        motion: motion.bytes,
+        transparent,
+        outliers,
+    })
 }
