@@ -163,7 +163,7 @@ pub struct EncodeInput {
     scene: Scene,
     /// The number of Gaussians of the whole model, and the indices of those here, if these are fewer.
     drawn: Option<(usize, Vec<usize>)>,
-    /// With SH of the degree that is asked for, if cameras chose what remains of higher ones.
+    /// The scene with SH of the degree that is asked for, fitted to what the cameras see.
     reduced: Option<Scene>,
     importance: Option<Vec<f32>>,
     seen: Option<VisibilityCount>,
@@ -189,8 +189,10 @@ impl EncodeInput {
         let CameraEvidence { importance, count: seen, doubts, proven } =
             CameraEvidence::of(&scene, cameras, photos, drop_unseen, &mut tell)?;
         let degree = options.code.max_sh_degree;
-        let reduced = (importance.is_some() && scene.sh_degree > degree)
-            .then(|| cut_sh_as_seen(&scene, degree, cameras.unwrap_or_default()));
+        let is_fitted =
+            importance.is_some() && scene.sh_degree > degree && !is_bounded(&recipe.aim);
+        let reduced =
+            is_fitted.then(|| cut_sh_as_seen(&scene, degree, cameras.unwrap_or_default()));
         Ok(Self { scene, drawn, reduced, importance, seen, proven, doubts })
     }
 
@@ -352,6 +354,11 @@ impl VisibilityCount {
     }
 }
 
+/// Whether an aim bounds the error of each value, so that nothing is left out or fitted.
+fn is_bounded(aim: &Aim) -> bool {
+    matches!(aim, Aim::Lossless | Aim::MaxError(_))
+}
+
 /// Leaves out what no rasterizer draws. Returns how many Gaussians there were, and the indices of those that are left.
 /// The encoder does it too, in a copy.
 fn leave_out_transparent(
@@ -359,7 +366,7 @@ fn leave_out_transparent(
     recipe: &EncodeRecipe<'_>,
 ) -> gsvx::Result<Option<(usize, Vec<usize>)>> {
     let (all, drawn) = (scene.len(), scene.drawn().unwrap_or_default());
-    if matches!(recipe.aim, Aim::Lossless | Aim::MaxError(_)) || drawn.is_empty() {
+    if is_bounded(&recipe.aim) || drawn.is_empty() {
         return Ok(None);
     }
     // An error names the Gaussian of the model.

@@ -11,8 +11,8 @@
 //! - The octree is 14 points below the stream's quality: 20 below is worse on bonsai, 8 below is no better.
 //! - 0.01 (1 - SSIM) in the loss, and a price of a bit of 16 times that of a uniform quantiser at high rates. BD-rate by
 //!   PSNR and by SSIM against squared error alone at a price of 8: fox +1.0 and -20.7 %, bonsai -0.8 and -18.7 %, room
-//!   -2.4 and -17.0 %; with a price of 12, fox +4.6 and -19.3 %; with 8, room +6.5 and -11.4 %. 32
-//!   against 16: room normal -5.8 and -4.3 %, fox quick +2.9 and +1.2 %.
+//!   -2.4 and -17.0 %; with a price of 12, fox +4.6 and -19.3 %; with 8, room +6.5 and -11.4 %. A
+//!   price of 32 against 16: room normal -5.8 and -4.3 %, fox quick +2.9 and +1.2 %.
 //! - Importances by what small errors cost in SSIM, 1 / (2 variance + C2) in the window, beside squared errors: BD-rate by
 //!   PSNR and by SSIM, room quick, -0.4 and -2.6 % (a seed alone: 3 %); removal effects so weighted, +5.4 and +1.4 %. In
 //!   streams without tuning, bonsai +4.1 and -1.3 %, fox +6.2 and +0.2 %.

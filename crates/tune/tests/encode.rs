@@ -65,6 +65,18 @@ fn with_cameras_a_lower_degree_keeps_the_colours_that_they_see() {
 }
 
 #[test]
+fn a_bound_on_errors_is_that_of_the_lower_coefficients_as_they_are() {
+    let (scene, cameras) = room();
+    let aim = Aim::MaxError(gsvx::MaxError::all(0.01));
+    let mut recipe = EncodeRecipe { aim, cameras: Some(&cameras), ..EncodeRecipe::default() };
+    recipe.options.code.max_sh_degree = 1;
+    let mut cut = scene.clone();
+    cut.cut_sh(1);
+    let bytes = |model: &Scene| encode(model, &recipe).unwrap().output.encoded.bytes;
+    assert!(bytes(&scene) == bytes(&cut));
+}
+
+#[test]
 fn a_break_ends_the_work_at_any_event() {
     let (scene, cameras) = room();
     let aim = Aim::Alike { measure: gsvx::Measure::Psnr, target: 30.0 };

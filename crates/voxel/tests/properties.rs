@@ -42,6 +42,31 @@ fn check_containment(scene: &Scene, v: &Voxelization) {
     }
 }
 
+/// Of a leaf that is split, each new one holds one cell of the greatest depth; all others stay as they are.
+fn check_split(scene: &Scene, v: &Voxelization, may_drop: bool) {
+    let is_apart = |members: &[u32]| members[0].is_multiple_of(3);
+    let split = v.split(&scene.means, is_apart).unwrap();
+    check_partition(scene, &split, may_drop);
+    check_containment(scene, &split);
+    assert_eq!(split.members(), v.members());
+    let depth = v.octree().depth();
+    let codes = voxel::morton_codes(&scene.means, &v.octree().cube(), depth).unwrap();
+    let cells = |members: &[u32]| -> std::collections::BTreeSet<u64> {
+        members.iter().map(|&m| codes[m as usize]).collect()
+    };
+    let mut at = 0;
+    for (i, leaf) in v.octree().leaves().iter().enumerate() {
+        let members = v.members_of(i);
+        let parts = if is_apart(members) { cells(members).len() } else { 1 };
+        for part in at..at + parts {
+            let stays = split.octree().leaves()[part] == *leaf;
+            assert!(parts > 1 && cells(split.members_of(part)).len() == 1 || stays);
+        }
+        at += parts;
+    }
+    assert_eq!(at, split.len());
+}
+
 fn check(scene: &Scene, cube: &Cube, j_low: u8, j_high: u8) {
     let uniform = voxelize(scene, cube, &Strategy::Uniform { depth: j_high }).unwrap();
     for strategy in strategies(scene.len(), j_low, j_high) {
@@ -52,6 +77,7 @@ fn check(scene: &Scene, cube: &Cube, j_low: u8, j_high: u8) {
             continue; // Its means move before they are voxelized, and J_high is a result.
         }
         check_containment(scene, &v);
+        check_split(scene, &v, may_drop);
         assert!(v.octree().leaves().iter().all(|l| l.depth >= j_low && l.depth <= j_high));
         // A pruning of the full octree: every full-depth cell with a kept member lies in a leaf.
         if !may_drop && v.octree().depth() == j_high {

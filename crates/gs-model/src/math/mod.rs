@@ -1,4 +1,4 @@
-//! Rotations and symmetric 3x3 matrices, as plain arrays; floats as integers of the same order.
+//! Rotations, symmetric 3x3 matrices and linear equations, as plain arrays; floats as integers of the same order.
 //!
 //! A Gaussian's covariance is `R diag(s^2) R^T`, with the rotation `R` of its quaternion and its
 //! scales `s`. The functions here lead from quaternion and scales to such a matrix, and back.
@@ -25,11 +25,13 @@ mod rotation;
 pub(crate) mod sh_basis;
 #[cfg(feature = "formats")]
 mod smallest;
+mod solve;
 
 pub use eigen::{eigen, eigen_of};
 pub use rotation::{quaternion, quaternion_product, rotation, scaled_rotation, unit_quaternion};
 #[cfg(feature = "formats")]
 pub(crate) use smallest::{completed, smallest_three, unit};
+pub use solve::solve;
 
 /// Rows of a 3x3 matrix.
 pub(crate) type Matrix<T = f64> = [[T; 3]; 3];

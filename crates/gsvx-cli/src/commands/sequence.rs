@@ -10,7 +10,7 @@ use crate::report::Reporter;
 use crate::stream_file::StreamBytes;
 use anyhow::{Context, Result, bail, ensure};
 use gs_model::{Format, chain};
-use gsvx::sequence::{Group, Sequence, is_sequence};
+use gsvx::sequence::{FrameGroup, Sequence, is_sequence};
 use gsvx::{Index, SequenceEncoder, SequenceOptions, Source};
 use indicatif::DecimalBytes;
 use serde_json::json;
@@ -75,20 +75,21 @@ pub(crate) fn encode_frames(
     let start = Instant::now();
     let mut encoder = SequenceEncoder::new(options)?;
     let mut input_bytes = 0;
-    let meter = Meter::spinner("encoding frames".into());
+    let bar = Meter::new("frames", frames.len());
     for (i, path) in frames.iter().enumerate() {
         let mut model = args.reading.model(path, i == 0)?;
         model.scene.cut_sh(options.encode.code.max_sh_degree);
         input_bytes += model.bytes;
         encoder.push(model.scene).with_context(|| input::name(path))?;
+        bar.inc();
     }
     let bytes = encoder.finish()?;
-    drop(meter);
+    drop(bar);
     let (transparent, outliers) = (encoder.transparent(), encoder.outliers());
     if transparent > 0 {
         note(content::transparent(transparent));
     }
-    if outliers > 0 && frames.len() > 1 {
+    if outliers > 0 {
         let far = counted(outliers, "Gaussian");
         note(format_args!("{far} far from all others do not move: they stay in their mean place"));
     }
@@ -251,7 +252,7 @@ pub(crate) fn describe(
     let (total, frames) = (sequence.stream_len(), sequence.frames());
     let (mut faults, mut groups, mut most) = (Vec::new(), Vec::new(), 0);
     let mut lines = String::new();
-    for (number, Group { frames, stream, motion, .. }) in sequence.groups.iter().enumerate() {
+    for (number, FrameGroup { frames, stream, motion, .. }) in sequence.groups.iter().enumerate() {
         let found = sequence.bytes_of(bytes, number).and_then(|(stream, _)| Index::parse(stream));
         let gaussians = found.as_ref().map_or(0, |index| index.header.count);
         reading.limit.check(path, gaussians)?;

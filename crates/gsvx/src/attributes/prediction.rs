@@ -303,7 +303,7 @@ impl<E: Fn(usize, &mut [f32])> Fit<'_, E> {
             let of = |v: f64| {
                 libm::round(v * f64::from(UNIT)).clamp(i8::MIN.into(), i8::MAX.into()) as i8
             };
-            factors.extend(solve(&energies, wanted).map(of));
+            factors.extend(gs_model::math::solve(&energies, wanted).map(of));
         }
         factors
     }
@@ -344,28 +344,6 @@ impl<E: Fn(usize, &mut [f32])> Fit<'_, E> {
 #[inline(always)]
 fn half_bits(square: f32) -> u32 {
     (1.0 + 6.0 * square).to_bits() - 1f32.to_bits()
-}
-
-/// Solves symmetric positive definite equations by Gaussian elimination.
-#[cfg(feature = "encode")]
-pub(crate) fn solve<const N: usize>(a: &[[f64; N]; N], mut b: [f64; N]) -> [f64; N] {
-    let mut a = *a;
-    for k in 0..N {
-        for r in k + 1..N {
-            let factor = a[r][k] / a[k][k];
-            for c in k..N {
-                a[r][c] -= factor * a[k][c];
-            }
-            b[r] -= factor * b[k];
-        }
-    }
-    for r in (0..N).rev() {
-        for c in r + 1..N {
-            b[r] -= a[r][c] * b[c];
-        }
-        b[r] /= a[r][r];
-    }
-    b
 }
 
 #[cfg(all(test, feature = "encode"))]
@@ -450,7 +428,7 @@ mod tests {
                 row[j] += 0.1;
             }
             let b = a.map(|row| row.iter().zip(&wanted).map(|(a, x)| a * x).sum());
-            for (found, wanted) in solve(&a, b).iter().zip(wanted) {
+            for (found, wanted) in gs_model::math::solve(&a, b).iter().zip(wanted) {
                 prop_assert!((found - wanted).abs() < 1e-9);
             }
         }

@@ -92,7 +92,7 @@ impl Group {
             Attribute::Colour { degree: 0 } => steps.dc,
             Attribute::Colour { degree } => steps.sh[usize::from(degree) - 1],
             Attribute::Covariance => steps.covariance,
-            // In units of a typical log-scale's Gaussian: an error of its size, as that of a covariance.
+            // In sizes of a typical Gaussian: a shift by its size counts as much as twice its size.
             Attribute::Position => steps.covariance,
         }
     }

@@ -6,7 +6,7 @@
 pub(crate) mod motion;
 
 use crate::bytes::SliceReader;
-use crate::decode::{DecodeOptions, Decoder};
+use crate::decode::{ALWAYS_ACCEPTED, DEFAULT_GROWTH, DecodeOptions, Decoder};
 use crate::error::{Error, Result};
 use crate::head::{SEQUENCE_VERSION, SIGNATURE, opened};
 use gs_model::Scene;
@@ -20,7 +20,7 @@ const LEAST_ENTRY: usize = 7;
 
 /// A group of frames, as the head has it.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Group {
+pub struct FrameGroup {
     /// Its frames.
     pub frames: Range<u64>,
     /// The bytes of its static stream.
@@ -37,7 +37,7 @@ pub struct Sequence {
     /// Frames per second.
     pub fps: f32,
     /// The groups in order.
-    pub groups: Vec<Group>,
+    pub groups: Vec<FrameGroup>,
 }
 
 /// A decoded group, ready to give its frames.
@@ -85,7 +85,12 @@ impl Sequence {
                 Ok::<_, Error>(std::mem::replace(&mut at, end)..end)
             };
             let (stream, motion) = (part()?, part()?);
-            groups.push(Group { frames: first..first + frames, stream, motion, crc: r.u32()? });
+            groups.push(FrameGroup {
+                frames: first..first + frames,
+                stream,
+                motion,
+                crc: r.u32()?,
+            });
             first += frames;
         }
         Ok(Self { fps, groups })
@@ -115,7 +120,7 @@ impl Sequence {
     /// # Errors
     /// [`Error::Truncated`], [`Error::GroupChecksum`].
     pub fn bytes_of<'a>(&self, bytes: &'a [u8], number: usize) -> Result<(&'a [u8], &'a [u8])> {
-        let Group { stream, motion, crc: expected, .. } = &self.groups[number];
+        let FrameGroup { stream, motion, crc: expected, .. } = &self.groups[number];
         let (offset, have) = (stream.start, bytes.len() as u64);
         if motion.end > have {
             let (need, have) = (motion.end - offset, have.saturating_sub(offset));
@@ -129,7 +134,8 @@ impl Sequence {
         Ok(both.split_at((stream.end - offset) as usize))
     }
 
-    /// Decodes a group; `max_gaussians` is as in [`DecodeOptions`].
+    /// Decodes a group; `max_gaussians` is as in [`DecodeOptions`]. Without it, what moves takes at most
+    /// [`DEFAULT_GROWTH`] times its bytes, and [`ALWAYS_ACCEPTED`] more.
     ///
     /// # Errors
     /// As [`Sequence::bytes_of`] and [`crate::decode`].
@@ -141,9 +147,15 @@ impl Sequence {
         let frames = (group.end - group.start) as usize;
         let (mut scene, mut motions) = (decoder.empty_scene(), Vec::new());
         let mut blocks = SliceReader::new(motion, "motion");
+        // A caller who states the number of Gaussians expects what moves of them.
+        let mut room = match max_gaussians {
+            Some(_) => u64::MAX,
+            None => DEFAULT_GROWTH * motion.len() as u64 + ALWAYS_ACCEPTED,
+        };
         decoder.decoded(|chunk| {
             if let Some(leaves) = chunk.leaves().filter(|_| !motion.is_empty()) {
-                motions.push(Motion::decode(blocks.block()?, leaves, scene.len(), frames)?);
+                let (block, first) = (blocks.block()?, scene.len());
+                motions.push(Motion::decode(block, leaves, first, frames, &mut room)?);
             }
             scene.append(&chunk.scene(decoder.empty_scene())?);
             Ok(())
@@ -180,5 +192,31 @@ impl Frames {
             scene.keep(&(0..alive.len()).filter(|&i| alive[i]).collect::<Vec<_>>());
         }
         scene
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::decoded_chunk::DecodedChunk;
+
+    #[test]
+    fn what_moves_in_all_chunks_shares_one_bound_of_memory() {
+        let bytes = std::fs::read(testing::fixture("sequences/births.gsvx")).unwrap();
+        let sequence = Sequence::parse(&bytes).unwrap();
+        let frames = sequence.frames() as usize;
+        let (stream, motion) = sequence.bytes_of(&bytes, 0).unwrap();
+        let decoder = Decoder::new(stream, &DecodeOptions::default()).unwrap();
+        let decoded = |room: u64| {
+            let mut left = room;
+            let decode = |chunk: &DecodedChunk| {
+                let block = SliceReader::new(motion, "motion").block()?;
+                Motion::decode(block, chunk.leaves().unwrap(), 0, frames, &mut left).map(drop)
+            };
+            decoder.decoded(decode).map(|()| room - left)
+        };
+        let taken = decoded(u64::MAX).unwrap();
+        assert!(taken > 0 && decoded(taken).is_ok());
+        assert!(matches!(decoded(taken - 1), Err(Error::Memory { .. })));
     }
 }

@@ -6,7 +6,6 @@
 
 use crate::bytes::SliceReader;
 use crate::chunk::{Attribute, ChunkValues, Group, MOVING, coefficients, steps_of};
-use crate::decode::{ALWAYS_ACCEPTED, DEFAULT_GROWTH};
 use crate::error::{Error, Result, coding};
 use crate::head::Steps;
 use crate::importance;
@@ -157,7 +156,7 @@ fn read_curves(group: &Group, frames: usize, r: &mut SliceReader<'_>) -> Result<
 
 impl Motion {
     /// Decodes what moves in a chunk of a group of so many frames; `values` are those of its static stream, `first` the
-    /// number of its first Gaussian.
+    /// number of its first Gaussian. What the motion takes in memory is subtracted from `room`, bytes.
     ///
     /// # Errors
     /// [`Error::Truncated`], [`Error::Corrupt`], [`Error::Coding`] and [`Error::Memory`].
@@ -166,6 +165,7 @@ impl Motion {
         values: &ChunkValues,
         first: usize,
         frames: usize,
+        room: &mut u64,
     ) -> Result<Self> {
         let leaves = values.octree().len();
         let mut motion = Self { first, frames, ..Self::default() };
@@ -182,9 +182,8 @@ impl Motion {
         let heads = moving.map(|a| Ok((a, read_curves(&MOVING[a], frames, &mut r)?)));
         let heads = heads.collect::<Result<Vec<_>>>()?;
         let mut coder = RansDecoder::new(r.take(r.remaining())?).map_err(coding("motion"))?;
-        let mut room = DEFAULT_GROWTH * bytes.len() as u64 + ALWAYS_ACCEPTED;
         let mut take = |count: usize, bytes: usize| {
-            room = room.checked_sub(count as u64 * bytes as u64)?;
+            *room = room.checked_sub(count as u64 * bytes as u64)?;
             Some(())
         };
         let too_large = || Error::memory(leaves);

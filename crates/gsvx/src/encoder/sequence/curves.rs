@@ -4,9 +4,9 @@
 //! of the static stream predicts their coefficients by a linear map: a scene that turns as a whole costs next to
 //! nothing.
 
-use crate::attributes::prediction::solve;
 use crate::sequence::motion::{Curve, GREATEST, UNIT};
 use gpcc_lite::raht::Rows;
+use gs_model::math::solve;
 
 /// Sweeps of the Jacobi iteration at most.
 const SWEEPS: usize = 30;

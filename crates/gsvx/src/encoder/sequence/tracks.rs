@@ -13,7 +13,7 @@ const NONE: u32 = u32::MAX;
 const TRACKED: f64 = 0.75;
 /// Share of the Gaussians that must go on for frames to share a group.
 const GOING_ON: f64 = 0.7;
-/// Most tracks of a cell that a Gaussian is compared with.
+/// Most tracks that are equal but for place and rotation, or in a cell, with which a Gaussian is compared.
 const MOST: usize = 64;
 /// Gaussians are alike if they differ by less than this in all log-scales, colours and the logit.
 const ALIKE: f32 = 0.5;
@@ -116,7 +116,9 @@ impl Tracks {
             scene.means[i]
         };
         for row in 0..frame.len() {
-            let Some(tracks) = equal.get(&key(frame, row)) else { continue };
+            // Of more, the nearest is found cell by cell.
+            let tracks = equal.get(&key(frame, row)).filter(|tracks| tracks.len() <= MOST);
+            let Some(tracks) = tracks else { continue };
             let free = tracks.iter().copied().filter(|&track| !taken[track as usize]);
             let place = frame.means[row];
             let nearest =
