@@ -25,7 +25,8 @@ pub struct SequenceOptions {
     pub fps: f32,
     /// Quality from 0 (smallest) to 100 (best).
     pub quality: f32,
-    /// Most frames of a group, up to [`MOST_FRAMES`]: a longer one is smaller, a shorter one faster to seek.
+    /// Most frames of a group, up to [`MOST_FRAMES`]: a longer one is smaller, a shorter one faster to seek. The encoder
+    /// holds all frames of a group in memory, about three times.
     pub group: usize,
     /// What is kept, and the layout of the static streams.
     pub encode: EncodeOptions,
