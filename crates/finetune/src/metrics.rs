@@ -56,8 +56,25 @@ impl Photo {
     }
 }
 
+/// How much the changes from one frame of a sequence to the next differ from those of the reference: the mean squared error
+/// of the differences of both renders, over all pixels and channels. What stays wrong in the same way does not count.
+/// NaN if the sizes differ or the images are empty.
+#[must_use]
+pub fn flicker(images: [&Image; 2], references: [&Image; 2]) -> f64 {
+    let [a, b, c, d] = [images[0], images[1], references[0], references[1]];
+    if [b, c, d].iter().any(|i| (i.width, i.height) != (a.width, a.height)) || a.rgb.is_empty() {
+        return f64::NAN;
+    }
+    let change = |from: &Image, to: &Image, i: usize| {
+        f64::from(to.rgb[i].clamp(0.0, 1.0)) - f64::from(from.rgb[i].clamp(0.0, 1.0))
+    };
+    let error = |i| change(a, b, i) - change(c, d, i);
+    (0..a.rgb.len()).map(error).map(|e| e * e).sum::<f64>() / a.rgb.len() as f64
+}
+
 /// The PSNR, dB, of a mean squared error.
-pub(crate) fn decibels(squared_error: f64) -> f64 {
+#[must_use]
+pub fn decibels(squared_error: f64) -> f64 {
     -10.0 * libm::log10(squared_error)
 }
 
@@ -187,5 +204,16 @@ mod tests {
         let [eight, seven] = [8, 7].map(|edge| Image::new(edge, edge));
         assert_eq!(ssimulacra2(&eight, &eight), 100.0);
         assert!(ssimulacra2(&seven, &seven).is_nan() && ssimulacra2(&eight, &seven).is_nan());
+    }
+
+    #[test]
+    fn flicker_is_what_changes_otherwise() {
+        let [still, brighter] = [picture(|x, _, _| x), picture(|x, _, _| x + 51)];
+        assert_eq!(flicker([&brighter, &brighter], [&still, &still]), 0.0);
+        assert_eq!(flicker([&still, &brighter], [&still, &brighter]), 0.0);
+        // A change of a fifth that the reference has not.
+        let error = flicker([&still, &brighter], [&still, &still]);
+        assert!((error - 0.04).abs() < 1e-6, "{error}");
+        assert!(flicker([&still, &still], [&still, &Image::new(8, 8)]).is_nan());
     }
 }

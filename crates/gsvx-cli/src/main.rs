@@ -9,6 +9,7 @@ mod doubts;
 mod exit;
 mod follow;
 mod format;
+mod frame_source;
 mod glb;
 mod input;
 mod interrupt;

@@ -120,3 +120,34 @@ fn what_is_whole_of_a_cut_sequence_is_salvaged() {
     let info = json("info @", &[&clip]);
     assert_eq!(info["faults"].as_array().unwrap().len(), 1);
 }
+
+#[test]
+fn frames_of_sequences_are_compared() {
+    let dir = Folder::new();
+    let (folder, clip) = (frames(&dir, 4), dir.join("clip.gsvx"));
+    ok("encode @ -o @ --fps 30 --group 2 --quality 60", &[&folder, &clip]);
+    let views = "--orbit 2 --size 64x48";
+    let found = json(&format!("compare @ @ {views}"), &[&folder, &clip]);
+    let frames = found["frames"].as_array().unwrap();
+    assert_eq!((frames.len(), frames[2]["frame"].as_u64()), (3, Some(2)));
+    let of = |what: &str| found[what].as_f64().unwrap();
+    let mean = frames.iter().map(|f| f["psnr"].as_f64().unwrap()).sum::<f64>() / 3.0;
+    assert!(of("psnr") > 25.0 && (of("psnr") - mean).abs() < 1e-9, "{found}");
+    // Most errors of a frame are those of the frame before.
+    assert!(of("flicker") > of("psnr") + 3.0, "{found}");
+    let human = ok(&format!("compare @ @ {views} --frames 3"), &[&folder, &clip]);
+    assert!(human.contains("worst: frame 3") && human.contains("none of these frames"), "{human}");
+    // A quoted pattern, and equal frames.
+    let pattern = folder.join("*_?.ply");
+    let same = json(&format!("compare @ @ {views} --frames 0,2"), &[&folder, &pattern]);
+    assert!(same["psnr"].is_null() && same["flicker"].is_null() && same["ssim"] == 1.0, "{same}");
+
+    let compare =
+        |model: &Path, flags: &str| run(&format!("compare @ @ {views}{flags}"), &[&folder, model]);
+    one_line(&compare(&name(&folder, 0), ""), "has 4 frames");
+    wrong_usage(&compare(&clip, " --frames 4"), "no frame 4");
+    wrong_usage(&compare(&clip, " -o pictures"), "--output");
+    let model = name(&folder, 0);
+    let two = run(&format!("compare @ @ {views} --frames 0"), &[&model, &model]);
+    wrong_usage(&two, "neither");
+}

@@ -1,9 +1,12 @@
 //! `gsvx compare`.
 
+mod frames;
 mod hint;
 
 use crate::attribute_errors::AttributeErrors;
+use crate::commands::sequence;
 use crate::exit::{note, usage};
+use crate::frame_source::is_sequence_path;
 use crate::input::ReadingAny;
 use crate::output::{Output, empty_folder, is_stdio};
 use crate::pictures;
@@ -22,13 +25,14 @@ Examples:
   gsvx compare model.ply scene.gsvx --cameras data/fox
   gsvx compare model.ply scene.gsvx --orbit 12
   gsvx compare model.ply scene.gsvx --orbit 12 -o pictures     reference, model, difference
-  gsvx compare model.ply scene.spz --orbit 12 --json";
+  gsvx compare model.ply scene.spz --orbit 12 --json
+  gsvx compare frames/ clip.gsvx --orbit 4                     some frames of two sequences, and flicker";
 
 #[derive(clap::Args)]
 pub(crate) struct CompareArgs {
-    /// The reference: a stream or a model of any format.
+    /// The reference: a stream or a model of any format. A folder or 'frames/*.ply' in quotes is a sequence.
     reference: PathBuf,
-    /// The one that is judged: a stream or a model of any format.
+    /// The one that is judged, as the reference.
     model: PathBuf,
     #[command(flatten)]
     views: WhichViews,
@@ -36,6 +40,9 @@ pub(crate) struct CompareArgs {
     /// side by side. The worst view is the first.
     #[arg(short, long, value_name = "FOLDER")]
     output: Option<PathBuf>,
+    /// Of sequences, compare these frames, counted from 0, and what changes to those after them: 0,17,45 [default: five].
+    #[arg(long, value_name = "N,N", value_delimiter = ',', help_heading = sequence::HEADING)]
+    frames: Vec<u64>,
     #[command(flatten)]
     reading: ReadingAny,
     /// Replace existing pictures.
@@ -56,6 +63,13 @@ struct ViewScore<'a> {
 pub(crate) fn run(args: &CompareArgs, report: Reporter) -> Result<()> {
     if is_stdio(&args.reference) && is_stdio(&args.model) {
         return Err(usage("only one of the two models can be standard input"));
+    }
+    let sequences = [is_sequence_path(&args.reference)?, is_sequence_path(&args.model)?];
+    if sequences.contains(&true) {
+        return frames::run(args, report);
+    }
+    if !args.frames.is_empty() {
+        return Err(usage("--frames: neither of the two is a sequence"));
     }
     let folder = args.output.as_deref();
     folder.map_or(Ok(()), |folder| empty_folder(folder, args.force))?;

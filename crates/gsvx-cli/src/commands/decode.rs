@@ -4,6 +4,7 @@ use crate::batch::{self, Job};
 use crate::commands::sequence::{self, Decoding, FrameArgs};
 use crate::exit::note;
 use crate::format;
+use crate::frame_source;
 use crate::input::{self, Limit};
 use crate::output::{Output, Written, counted};
 use crate::region::{self, Inside, Region};
@@ -69,7 +70,7 @@ pub(crate) struct DecodeArgs {
 /// Decodes the streams.
 pub(crate) fn run(args: &DecodeArgs, report: Reporter) -> Result<()> {
     let format = format::of_output(args.to, &args.output, Format::named(PLY))?;
-    if args.frames.any() || args.inputs.iter().any(|input| sequence::is_file(input)) {
+    if args.frames.any() || args.inputs.iter().any(|input| frame_source::is_file(input)) {
         let &DecodeArgs { ref inputs, ref output, max_sh_degree, salvage, limit, force, .. } = args;
         let wanted = &args.frames;
         let what = Decoding { inputs, output, wanted, max_sh_degree, salvage, limit, force };

@@ -9,6 +9,7 @@ use crate::commands::sequence;
 use crate::content::{CONTENT, LARGE, SceneArgs};
 use crate::exit::{missed, note, usage};
 use crate::format::{STREAM, is_stream_name};
+use crate::frame_source;
 use crate::input::{self, LoadedModel};
 use crate::output::{Output, counted};
 use crate::report::Reporter;
@@ -193,7 +194,7 @@ pub(crate) fn run(args: &EncodeArgs, report: Reporter) -> Result<()> {
     }
     let mut models = inputs.clone();
     if let Some(fps) = args.fps {
-        models = sequence::frames(inputs)?;
+        models = frame_source::frames(inputs)?;
         if models.len() > 1 {
             let quality = args.scene.content.quality();
             let (group, encode) = (args.group.into(), args.options());

@@ -3,6 +3,7 @@
 use crate::batch;
 use crate::commands::sequence;
 use crate::describe;
+use crate::frame_source;
 use crate::input::{self, LARGE, OpenedInput, ReadingAny};
 use crate::report::Reporter;
 use crate::stream_file::{StreamBytes, StreamFile};
@@ -30,7 +31,7 @@ pub(crate) struct InfoArgs {
 /// Describes streams and models.
 pub(crate) fn run(args: &InfoArgs, report: Reporter) -> Result<()> {
     batch::run(&args.inputs, |path| {
-        if sequence::is_file(path) {
+        if frame_source::is_file(path) {
             return sequence::describe(&input::bytes(path)?, path, &args.reading, report);
         }
         if args.reading.model.is_stream_file(path)? {

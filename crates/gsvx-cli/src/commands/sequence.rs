@@ -4,14 +4,13 @@ use crate::content::{self, SceneArgs};
 use crate::exit::{note, usage};
 use crate::format;
 use crate::input::{self, Limit, ReadingAny};
-use crate::output::{Output, OutputFolder, counted, is_stdio};
+use crate::output::{Output, OutputFolder, counted};
 use crate::progress::Meter;
 use crate::report::Reporter;
-use crate::stream_file::StreamBytes;
 use anyhow::{Context, Result, bail, ensure};
 use gs_model::{Format, chain};
-use gsvx::sequence::{FrameGroup, Sequence, is_sequence};
-use gsvx::{Index, SequenceEncoder, SequenceOptions, Source};
+use gsvx::sequence::{FrameGroup, Sequence};
+use gsvx::{Index, SequenceEncoder, SequenceOptions};
 use indicatif::DecimalBytes;
 use serde_json::json;
 use std::ops::Range;
@@ -20,49 +19,6 @@ use std::time::Instant;
 
 /// Heading of the flags.
 pub(crate) const HEADING: &str = "Sequences of frames";
-
-/// The models of frames in order: those of a folder, or those given, by the last number in their names.
-pub(crate) fn frames(inputs: &[PathBuf]) -> Result<Vec<PathBuf>> {
-    let mut all = Vec::new();
-    for input in inputs {
-        if !input.is_dir() {
-            all.push(input.clone());
-            continue;
-        }
-        let list = std::fs::read_dir(input).with_context(|| input::cannot_read(input))?;
-        for entry in list {
-            let path = entry.with_context(|| input::cannot_read(input))?.path();
-            if Format::of_name(&path).is_some() {
-                all.push(path);
-            }
-        }
-        ensure!(!all.is_empty(), "{}: holds no model", input.display());
-    }
-    if all.iter().any(|path| is_stdio(path)) {
-        return Err(usage("frames are files, not standard input"));
-    }
-    all.sort_by_cached_key(|path| (number(path), path.clone()));
-    for pair in all.windows(2) {
-        let [a, b] = [pair[0].display(), pair[1].display()];
-        if let (Some(first), Some(next)) = (number(&pair[0]), number(&pair[1])) {
-            ensure!(next != first, "{a} and {b} have the same number");
-            ensure!(next == first + 1, "frame {} is missing between {a} and {b}", first + 1);
-        }
-        ensure!(
-            pair[0].extension() == pair[1].extension(),
-            "{a} and {b} are of different formats; the frames of a sequence are of one"
-        );
-    }
-    Ok(all)
-}
-
-/// The last number in the name of a file.
-fn number(path: &Path) -> Option<u64> {
-    let name = path.file_name()?.to_str()?.split('.').next()?;
-    let end = name.rfind(|c: char| c.is_ascii_digit())? + 1;
-    let start = name[..end].rfind(|c: char| !c.is_ascii_digit()).map_or(0, |at| at + 1);
-    name.get(start..end)?.parse().ok()
-}
 
 /// Encodes frames.
 pub(crate) fn encode_frames(
@@ -129,12 +85,6 @@ fn per_second(sequence: &Sequence, bytes: u64) -> u64 {
 fn range(text: &str) -> Result<Range<u64>, String> {
     let parts = text.split_once("..").and_then(|(a, b)| Some(a.parse().ok()?..b.parse().ok()?));
     parts.filter(|r| r.start < r.end).ok_or_else(|| "use a range such as 10..20".to_owned())
-}
-
-/// Whether a file holds a sequence.
-pub(crate) fn is_file(path: &Path) -> bool {
-    let file = path.is_file().then(|| StreamBytes::open(path).ok()).flatten();
-    file.is_some_and(|file| file.read(0..file.len().min(9)).is_ok_and(|start| is_sequence(&start)))
 }
 
 /// Which frames are decoded.

@@ -6,8 +6,8 @@ mod server;
 mod start;
 mod stream_maker;
 
-use crate::commands::sequence;
 use crate::exit::note;
+use crate::frame_source;
 use crate::input;
 use crate::interrupt;
 use crate::report::Reporter;
@@ -54,7 +54,7 @@ pub(crate) fn run(args: &ViewArgs, report: Reporter) -> Result<()> {
     for file in &args.files {
         input::open(file)?;
         ensure!(
-            !sequence::is_file(file),
+            !frame_source::is_file(file),
             "{}: a sequence of frames; write one with gsvx decode --frame 0 to view it",
             file.display()
         );

@@ -1,0 +1,176 @@
+//! The frames of a sequence: in a stream, or one model each.
+
+use crate::exit::usage;
+use crate::input::{self, ReadingAny};
+use crate::output::is_stdio;
+use crate::stream_file::StreamBytes;
+use anyhow::{Context, Result, ensure};
+use gs_model::{Format, Scene};
+use gsvx::Source;
+use gsvx::sequence::{Frames, Sequence, is_sequence};
+use std::path::{Path, PathBuf};
+
+/// The models of frames in order: those of a folder, or those given, by the last number in their names.
+pub(crate) fn frames(inputs: &[PathBuf]) -> Result<Vec<PathBuf>> {
+    let mut all = Vec::new();
+    for input in inputs {
+        match folder(input)? {
+            None => all.push(input.clone()),
+            Some(models) => {
+                ensure!(!models.is_empty(), "{}: holds no model", input.display());
+                all.extend(models);
+            }
+        }
+    }
+    if all.iter().any(|path| is_stdio(path)) {
+        return Err(usage("frames are files, not standard input"));
+    }
+    all.sort_by_cached_key(|path| (number(path), path.clone()));
+    for pair in all.windows(2) {
+        let [a, b] = [pair[0].display(), pair[1].display()];
+        if let (Some(first), Some(next)) = (number(&pair[0]), number(&pair[1])) {
+            ensure!(next != first, "{a} and {b} have the same number");
+            ensure!(next == first + 1, "frame {} is missing between {a} and {b}", first + 1);
+        }
+        ensure!(
+            pair[0].extension() == pair[1].extension(),
+            "{a} and {b} are of different formats; the frames of a sequence are of one"
+        );
+    }
+    Ok(all)
+}
+
+/// The last number in the name of a file.
+fn number(path: &Path) -> Option<u64> {
+    let name = path.file_name()?.to_str()?.split('.').next()?;
+    let end = name.rfind(|c: char| c.is_ascii_digit())? + 1;
+    let start = name[..end].rfind(|c: char| !c.is_ascii_digit()).map_or(0, |at| at + 1);
+    name.get(start..end)?.parse().ok()
+}
+
+/// The models in a folder; `None` of anything else.
+fn folder(path: &Path) -> Result<Option<Vec<PathBuf>>> {
+    if !path.is_dir() {
+        return Ok(None);
+    }
+    let list = std::fs::read_dir(path).with_context(|| input::cannot_read(path))?;
+    let mut models = Vec::new();
+    for entry in list {
+        let path = entry.with_context(|| input::cannot_read(path))?.path();
+        if Format::of_name(&path).is_some() {
+            models.push(path);
+        }
+    }
+    Ok(Some(models))
+}
+
+/// The files that a name with `*`, `?` or `[` stands for; none if it is that of a file.
+fn globbed(path: &Path) -> Vec<PathBuf> {
+    let pattern = path.to_str().filter(|name| name.contains(['*', '?', '[']) && !path.exists());
+    let found = pattern.and_then(|pattern| glob::glob(pattern).ok());
+    found.into_iter().flatten().filter_map(Result::ok).collect()
+}
+
+/// Whether a file holds a sequence.
+pub(crate) fn is_file(path: &Path) -> bool {
+    let file = path.is_file().then(|| StreamBytes::open(path).ok()).flatten();
+    file.is_some_and(|file| file.read(0..file.len().min(9)).is_ok_and(|start| is_sequence(&start)))
+}
+
+/// Frames that can be had one by one.
+pub(crate) struct FrameSource<'a> {
+    path: &'a Path,
+    reading: &'a ReadingAny,
+    content: FrameContent,
+}
+
+enum FrameContent {
+    Stream {
+        bytes: Vec<u8>,
+        sequence: Sequence,
+        /// The group that was decoded last.
+        group: Option<Box<(usize, Frames)>>,
+    },
+    Models(Vec<PathBuf>),
+}
+
+/// Whether a path is that of a sequence: a stream of one, a folder with models, or a name that stands for files.
+pub(crate) fn is_sequence_path(path: &Path) -> Result<bool> {
+    let models = folder(path)?.is_some_and(|models| !models.is_empty());
+    Ok(models || is_file(path) || !globbed(path).is_empty())
+}
+
+impl<'a> FrameSource<'a> {
+    /// Of a sequence, or of a single model or static stream as the only frame.
+    pub(crate) fn open(path: &'a Path, reading: &'a ReadingAny) -> Result<Self> {
+        let content = if is_file(path) {
+            let bytes = input::bytes(path)?;
+            let sequence = Sequence::parse(&bytes).with_context(|| input::name(path))?;
+            FrameContent::Stream { bytes, sequence, group: None }
+        } else {
+            let mut models = globbed(path);
+            if models.is_empty() {
+                models.push(path.to_owned());
+            }
+            if models.len() > 1 || path.is_dir() {
+                models = frames(&models)?;
+            }
+            FrameContent::Models(models)
+        };
+        Ok(Self { path, reading, content })
+    }
+
+    /// The number of frames.
+    pub(crate) fn len(&self) -> u64 {
+        match &self.content {
+            FrameContent::Stream { sequence, .. } => sequence.frames(),
+            FrameContent::Models(models) => models.len() as u64,
+        }
+    }
+
+    /// What was opened.
+    pub(crate) fn path(&self) -> &Path {
+        self.path
+    }
+
+    /// A frame, from 0 to below [`FrameSource::len`].
+    pub(crate) fn frame(&mut self, number: u64) -> Result<Scene> {
+        let (bytes, sequence, last) = match &mut self.content {
+            FrameContent::Models(models) => {
+                return Ok(self.reading.any(&models[number as usize])?.0);
+            }
+            FrameContent::Stream { bytes, sequence, group } => (bytes, sequence, group),
+        };
+        let name = || input::name(self.path);
+        let wanted = sequence.group_of(number).with_context(name)?;
+        let group = match last.take() {
+            Some(last) if last.0 == wanted => last,
+            _ => {
+                let most = self.reading.limit.max_gaussians;
+                Box::new((wanted, sequence.group(bytes, wanted, most).with_context(name)?))
+            }
+        };
+        let within = number - sequence.groups[wanted].frames.start;
+        let group = last.insert(group);
+        Ok(group.1.frame(within as usize))
+    }
+}
+
+/// So many of `count` numbers from 0 on, evenly spaced; all if there are fewer.
+pub(crate) fn evenly(count: u64, wanted: u64) -> Vec<u64> {
+    let wanted = wanted.min(count);
+    (0..wanted).map(|i| i * (count - 1) / (wanted - 1).max(1)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_spaced_evenly() {
+        assert_eq!(evenly(59, 5), [0, 14, 29, 43, 58]);
+        assert_eq!(evenly(3, 5), [0, 1, 2]);
+        assert_eq!(evenly(1, 5), [0]);
+        assert!(evenly(0, 5).is_empty());
+    }
+}
