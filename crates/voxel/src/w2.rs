@@ -203,15 +203,25 @@ pub(crate) fn voxel_distortion(scene: &Scene, members: &[u32]) -> f64 {
     gaussians.iter().map(|g| distance_squared(g, &centre)).sum()
 }
 
-/// The sum of eq. 4 over all leaves.
+/// The sum of eq. 4 over all leaves, at their barycenters: the least that Gaussians in their place can have.
 #[must_use]
 pub fn total_distortion(scene: &Scene, voxelization: &Voxelization) -> f64 {
+    sum_over_leaves(voxelization, |leaf| voxel_distortion(scene, voxelization.members_of(leaf)))
+}
+
+/// The sum of eq. 4 over all leaves, at the Gaussians of `merged` that replace their members: leaf `i` is its row `i`.
+#[must_use]
+pub fn replaced_distortion(scene: &Scene, voxelization: &Voxelization, merged: &Scene) -> f64 {
+    sum_over_leaves(voxelization, |leaf| {
+        let centre = Gaussian::of_scene(merged, leaf);
+        let members = voxelization.members_of(leaf).iter();
+        members.map(|&i| distance_squared(&Gaussian::of_scene(scene, i as usize), &centre)).sum()
+    })
+}
+
+/// The sum in an order that the number of threads does not change.
+fn sum_over_leaves(voxelization: &Voxelization, of: impl Fn(usize) -> f64 + Sync) -> f64 {
     let leaves: Vec<usize> = (0..voxelization.len()).collect();
-    let chunks: Vec<f64> = leaves
-        .par_chunks(CHUNK)
-        .map(|chunk| {
-            chunk.iter().map(|&i| voxel_distortion(scene, voxelization.members_of(i))).sum()
-        })
-        .collect();
-    chunks.iter().sum()
+    let chunks = leaves.par_chunks(CHUNK).map(|chunk| chunk.iter().map(|&i| of(i)).sum());
+    chunks.collect::<Vec<f64>>().iter().sum()
 }

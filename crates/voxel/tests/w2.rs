@@ -6,8 +6,8 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 use testing::Rng;
 use voxel::Strategy;
 use voxel::w2::{
-    Gaussian, MAX_ITERATIONS, TOLERANCE, barycenter, bures_squared, distance_squared, square_root,
-    total_distortion,
+    Gaussian, MAX_ITERATIONS, TOLERANCE, barycenter, bures_squared, distance_squared,
+    replaced_distortion, square_root, total_distortion,
 };
 
 fn random(r: &mut Rng, exponents: [f64; 3]) -> Gaussian {
@@ -192,5 +192,27 @@ fn the_criteria_pay_where_large_gaussians_cross_among_tight_clusters() {
             uniform.2 > 300.0 * distortion || more.0 > 3.0 && more.1 > 1.9,
             "{depth}: {more:?}"
         );
+    }
+}
+
+/// No Gaussian in a voxel's place has less of equation 4 than the barycenter, and the sum is that of the plain distances.
+#[test]
+fn what_replaces_a_voxel_has_at_least_the_distortion_of_the_barycenter() {
+    let scene = common::clustered(400, 3);
+    let cube = voxel::cube_of(&scene.means).unwrap();
+    let voxels = voxel::voxelize(&scene, &cube, &Strategy::Uniform { depth: 3 }).unwrap();
+    for merge in [voxel::Merge::Paper, voxel::Merge::Moments] {
+        let merged = voxel::merge(&scene, &voxels, merge).unwrap();
+        let mut plain = 0.0;
+        for leaf in 0..voxels.len() {
+            for &i in voxels.members_of(leaf) {
+                let [g, by] =
+                    [(&scene, i as usize), (&merged, leaf)].map(|(s, i)| Gaussian::of_scene(s, i));
+                plain += distance_squared(&g, &by);
+            }
+        }
+        let replaced = replaced_distortion(&scene, &voxels, &merged);
+        assert!((replaced - plain).abs() <= 1e-9 * plain, "{merge:?}: {replaced} {plain}");
+        assert!(replaced >= total_distortion(&scene, &voxels), "{merge:?}");
     }
 }
