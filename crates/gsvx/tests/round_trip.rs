@@ -4,7 +4,7 @@
 mod common;
 
 use common::{
-    encode, encode_voxels, encoding, leaves, on_threads, scene, spread, steps, voxelized,
+    bits, encode, encode_voxels, encoding, leaves, on_threads, scene, spread, steps, voxelized,
     with_floaters,
 };
 use gs_model::Scene;
@@ -50,6 +50,25 @@ fn every_mode_keeps_leaves_and_stays_finite() {
                     assert!(back.scene.sh_degree == degree || n < 500, "{what}");
                 }
             }
+        }
+    }
+}
+
+#[test]
+fn what_the_encoder_keeps_is_what_a_decoder_returns() {
+    for (n, degree, quality) in [(0, 3, 80.0), (1, 0, 80.0), (3000, 3, 80.0), (3000, 2, 0.0)] {
+        let model =
+            if n > 1000 { with_floaters(scene(n, degree, 8)).0 } else { scene(n, degree, 8) };
+        for (name, options) in modes() {
+            let what = format!("{name}, {n} Gaussians, SH degree {degree}, quality {quality}");
+            let mut encoder = Encoder::new(Aim::Quality(quality));
+            (encoder.options, encoder.keep_decoded) = (options, true);
+            let mut made = encoder.encode(&model, None).unwrap().encoded;
+            let (kept, back) = (made.decoded.take().unwrap(), made.decode().unwrap());
+            assert_eq!((kept.len(), kept.sh_degree), (back.len(), back.sh_degree), "{what}");
+            assert!((0..back.len()).all(|i| bits(&kept, i) == bits(&back, i)), "{what}");
+            encoder.keep_decoded = false;
+            assert_eq!(encoder.encode(&model, None).unwrap().encoded, made, "{what}");
         }
     }
 }

@@ -314,14 +314,13 @@ fn judged(
 ) -> gsvx::Result<Judgement> {
     let told = recipe.estimate && recipe.aim != Aim::Lossless;
     let reduced = reduced.as_ref().filter(|_| importance.is_some());
-    let output = encoder.encode(reduced.unwrap_or(scene), importance)?;
+    // No cameras can harm lossless streams and bounds on errors, which have no quality.
+    let doubted = importance.is_some() && !proven && !recipe.options.prepare.drop_unseen;
+    encoder.keep_decoded = told || doubted;
+    let mut output = encoder.encode(reduced.unwrap_or(scene), importance)?;
     let clock = Clock::start();
-    // Lossless streams and bounds on errors have no quality, and no cameras can harm them.
-    let refusable = importance.is_some()
-        && !proven
-        && !recipe.options.prepare.drop_unseen
-        && output.quality.is_some();
-    let decoded = if told || refusable { Some(output.encoded.decode()?) } else { None };
+    let refusable = doubted && output.quality.is_some();
+    let decoded = if told || refusable { Some(decoded_of(&mut output.encoded)?) } else { None };
     let loss_of = |decoded: &Scene| estimate_loss(scene, decoded, recipe.cameras);
     let loss = decoded.as_ref().filter(|_| told).map(loss_of);
     let misfit = match (&decoded, loss) {
@@ -333,13 +332,19 @@ fn judged(
     drop(decoded);
     let mut judgement = Judgement { output, misfit, loss, seconds: clock.seconds() };
     if misfit.is_some() {
+        encoder.keep_decoded = told;
         judgement.output = encoder.encode(scene, None)?;
         let clock = Clock::start();
-        let decoded = if told { Some(judgement.output.encoded.decode()?) } else { None };
+        let decoded = if told { Some(decoded_of(&mut judgement.output.encoded)?) } else { None };
         judgement.loss = decoded.as_ref().map(loss_of);
         judgement.seconds += clock.seconds();
     }
     Ok(judgement)
+}
+
+/// The decoded scene, taken from the stream if it was kept.
+fn decoded_of(encoded: &mut Encoded) -> gsvx::Result<Scene> {
+    encoded.decoded.take().map_or_else(|| encoded.decode(), Ok)
 }
 
 impl VisibilityCount {

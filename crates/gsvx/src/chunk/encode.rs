@@ -7,6 +7,7 @@
 //! *Invariant:* [`ChunkEncoder::decoded`] makes the Gaussians that a decoder makes of the layers, bit for bit.
 
 use super::check::{check, check_sh};
+use super::gaussians::resize;
 use super::groups::{BASE, GROUPS, Group, Predicted, Prediction, coded, colours};
 use super::skeleton::Skeleton;
 use super::{CLASS_STEP, ChunkValues, steps_of};
@@ -18,7 +19,7 @@ use gpcc_lite::attribute::{self, Quantisation};
 use gpcc_lite::coder::{Coder, RansEncoder, Silent, Tally};
 use gpcc_lite::geometry;
 use gpcc_lite::raht::{RahtPlan, Rows};
-use gs_model::Scene;
+use gs_model::{Scene, SceneMut};
 use std::ops::Range;
 
 /// Lagrangian multiplier of the quantiser of importance classes, in `step^2` per bit.
@@ -114,15 +115,17 @@ impl ChunkEncoder {
 
     /// The layers of a chunk whose Gaussians, one per leaf, are read once. `base` holds them with SH degree
     /// 0. `sh` gives the coefficients of a degree for a range of leaves: `2 degree + 1` per leaf. Errors count
-    /// leaves from `before` on.
+    /// leaves from `before` on. `kept` is an empty scene that gets the Gaussians that a decoder makes of the layers.
     pub(crate) fn encode(
         mut self,
         how: &CodingSettings<'_>,
         base: Scene,
         sh: impl Fn(u8, Range<usize>) -> Result<Vec<[f32; 3]>> + Send,
         before: usize,
+        kept: Option<&mut Scene>,
     ) -> Result<Vec<Vec<u8>>> {
         check(&base, before)?;
+        let keep = kept.is_some();
         let leaves = base.len();
         let (front, coder) = (self.importance.depth as u8, std::mem::take(&mut self.coder));
         let (mut low, mut high) = self.parts(how, false);
@@ -134,7 +137,9 @@ impl ChunkEncoder {
                 }
                 drop(base);
                 let layer = low.base_layer(front, coder);
-                low.rows.fill(Rows::default());
+                if !keep {
+                    low.rows.fill(Rows::default());
+                }
                 layer
             },
             move || {
@@ -151,7 +156,7 @@ impl ChunkEncoder {
                     }
                     let layer = high.degree_layer(number);
                     // Only the next degree needs its values.
-                    if let Some(below) = number.checked_sub(1) {
+                    if let Some(below) = number.checked_sub(1).filter(|_| !keep) {
                         high.rows[below] = Rows::default();
                     }
                     layer
@@ -161,6 +166,11 @@ impl ChunkEncoder {
         );
         let mut layers = vec![base?];
         layers.extend(degrees?);
+        if let Some(kept) = kept {
+            self.values.sh_degree = how.sh_degree;
+            resize(kept, leaves)?;
+            self.values.fill(0, &mut SceneMut::of(kept));
+        }
         Ok(layers)
     }
 

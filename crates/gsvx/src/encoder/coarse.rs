@@ -33,6 +33,6 @@ impl Coarse {
         let Self { voxels, levels, weights } = self;
         let source = GaussianSource { scene: finest, voxels, weights, merged: true, whole: None };
         let options = CodeOptions::default();
-        encode_levels(&source, levels, header.sh_degree, Coding::new(&header.steps, &options))
+        encode_levels(&source, levels, header.sh_degree, Coding::new(&header.steps, &options), None)
     }
 }

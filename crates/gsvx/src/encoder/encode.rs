@@ -9,7 +9,7 @@ use super::lod::{self, LodLevel};
 use super::options::CodeOptions;
 use super::source::{GaussianSource, Whole};
 use crate::chunk::CodingSettings;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::head::{Header, Steps};
 use crate::importance;
 use gpcc_lite::Octree;
@@ -25,12 +25,14 @@ pub(crate) struct Coding<'a> {
     pub(crate) options: &'a CodeOptions,
     /// See [`CodingSettings::lambda`].
     pub(crate) lambda: Option<f32>,
+    /// Keep the decoded scene: [`Encoded::decoded`].
+    pub(crate) keep: bool,
 }
 
 impl<'a> Coding<'a> {
     /// By the quantiser's own trade of errors for bits.
     pub(crate) fn new(steps: &'a Steps, options: &'a CodeOptions) -> Self {
-        Self { steps, options, lambda: None }
+        Self { steps, options, lambda: None, keep: false }
     }
 }
 
@@ -73,7 +75,7 @@ pub(crate) fn encode_source(
     outliers: Option<&Scene>,
     coding: Coding<'_>,
 ) -> Result<Encoded> {
-    let Coding { steps, options, .. } = coding;
+    let Coding { steps, options, keep, .. } = coding;
     check_steps(steps)?;
     let outliers = checked_outliers(outliers, source.scene.sh_degree)?;
     let exact_degree = outliers.map_or(0, |o| used_degree(o, options.max_sh_degree));
@@ -90,20 +92,31 @@ pub(crate) fn encode_source(
     };
     let tiles = source.whole.map_or(lod::LodTiles::ONE, |w| w.tiles);
     let levels = lod::levels(source.voxels, options, tiles)?;
-    let chunks = encode_levels(source, &levels, sh_degree, coding)?;
+    let mut decoded = keep.then(|| source.scene.emptied(sh_degree));
+    if let Some(decoded) = &mut decoded {
+        let leaves = source.voxels.len();
+        decoded.try_reserve(leaves).map_err(|_| Error::memory(leaves))?;
+    }
+    let chunks = encode_levels(source, &levels, sh_degree, coding, decoded.as_mut())?;
     let chunks = without_zero_degrees(chunks, exact_degree);
     let (header, chunks) = joined(&header, chunks, outliers, exact_degree);
+    if let Some(decoded) = &mut decoded {
+        decoded.cut_sh(header.sh_degree);
+        outliers.into_iter().for_each(|outliers| decoded.append(outliers));
+    }
     let left_out = source.voxels.dropped().len();
     let rows = source.voxels.leaf_of_each(source.scene.len());
-    Ok(Encoded { left_out, rows, ..assemble(header, chunks)? })
+    Ok(Encoded { left_out, rows, decoded, ..assemble(header, chunks)? })
 }
 
-/// Encodes levels of the leaves of a source, the last one first.
+/// Encodes levels of the leaves of a source, the last one first. `decoded` gets the Gaussians that a decoder makes of the
+/// finest level.
 pub(crate) fn encode_levels(
     source: &GaussianSource<'_>,
     levels: &[LodLevel],
     sh_degree: u8,
     coding: Coding<'_>,
+    mut decoded: Option<&mut Scene>,
 ) -> Result<Vec<EncodedChunk>> {
     let Coding { steps, lambda, .. } = coding;
     let how = CodingSettings { steps, sh_degree, fit: true, lambda };
@@ -117,18 +130,27 @@ pub(crate) fn encode_levels(
     let each = jobs.iter().flat_map(|(level, classes)| {
         level.cuts.windows(2).map(move |cut| (*level, &classes[..], cut[0]..cut[1]))
     });
+    let empty = decoded.as_ref().map(|decoded| decoded.emptied(sh_degree));
     let encode = |(level, classes, range): (&LodLevel, &[f32], Range<usize>)| {
-        source.encode_chunk(how, level, classes, range)
+        let mut kept = empty.clone().filter(|_| level.lod == 0);
+        let chunk = source.encode_chunk(how, level, classes, range, kept.as_mut())?;
+        Ok((chunk, kept))
     };
     let each: Vec<_> = each.collect();
     // At most a quarter of the Gaussians at a time, for memory's sake: a chunk keeps two cores busy.
     let at_once = (each.len() / 4).clamp(1, rayon::current_num_threads());
     let mut chunks = Vec::with_capacity(each.len());
     for some in each.chunks(at_once) {
-        let encoded: Vec<_> =
+        let encoded: Vec<Result<_>> =
             some.par_iter().with_max_len(1).map(|job| encode(job.clone())).collect();
         // The first error, on any number of threads.
-        chunks.extend(encoded.into_iter().collect::<Result<Vec<_>>>()?);
+        for encoded in encoded {
+            let (chunk, kept) = encoded?;
+            chunks.push(chunk);
+            if let (Some(decoded), Some(kept)) = (&mut decoded, kept) {
+                decoded.append(&kept);
+            }
+        }
     }
     Ok(chunks)
 }

@@ -28,6 +28,8 @@ pub struct Encoded {
     /// The row in which a decoder returns each Gaussian of the input. Gaussians that were merged share one.
     /// [`LEFT_OUT`] stands for those left out. [`crate::latents`] has no input, and leaves this empty.
     pub rows: Vec<u32>,
+    /// What [`Encoded::decode`] returns, if [`crate::Encoder::keep_decoded`] asks for it.
+    pub decoded: Option<Scene>,
 }
 
 /// How coarse the finest cells are; see [`Encoded::coarse_cells`].

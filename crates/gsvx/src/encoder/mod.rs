@@ -45,7 +45,7 @@ pub use warning::{EncodeWarning, Missed};
 use crate::error::{Error, Result};
 use crate::head::Steps;
 use gs_model::Scene;
-use prepare::encode_within;
+use prepare::{encode_keeping, encode_within};
 use rate::SearchResult;
 use std::ops::ControlFlow;
 use warning::warnings;
@@ -103,6 +103,8 @@ pub struct Encoder<'a> {
     /// What is kept, and the layout of the stream. With bounds on errors, nothing is merged, and precision follows from
     /// the bounds; lossless coding leaves no choice.
     pub options: EncodeOptions,
+    /// Keep the decoded scene of [`Aim::Quality`] in [`Encoded::decoded`], which saves decoding the stream.
+    pub keep_decoded: bool,
     progress: Option<OnProgress<'a>>,
     measure: Option<MeasureBy<'a>>,
 }
@@ -128,7 +130,8 @@ impl<'a> Encoder<'a> {
     /// With default options.
     #[must_use]
     pub fn new(aim: Aim) -> Self {
-        Self { aim, options: EncodeOptions::default(), progress: None, measure: None }
+        let options = EncodeOptions::default();
+        Self { aim, options, keep_decoded: false, progress: None, measure: None }
     }
 
     /// Measures decoded scenes by `measure` for [`Aim::Alike`], as `tune::encode` does with renders of the model.
@@ -149,7 +152,8 @@ impl<'a> Encoder<'a> {
     /// # Errors
     /// As [`crate::encode`] and [`crate::encode_lossless`]; [`Error::Cancelled`]; [`Error::NotMeasured`].
     pub fn encode(&mut self, scene: &Scene, importance: Option<&[f32]>) -> Result<EncoderOutput> {
-        let Self { aim, options, progress, measure } = self;
+        let Self { aim, options, keep_decoded, progress, measure } = self;
+        let keep = *keep_decoded && matches!(aim, Aim::Quality(_));
         let mut tell = |event: EncodeProgress<'_>| match progress.as_mut().map(|tell| tell(event)) {
             Some(ControlFlow::Break(())) => Err(Error::Cancelled),
             _ => Ok(()),
@@ -157,7 +161,7 @@ impl<'a> Encoder<'a> {
         let mut at = |quality: f32| {
             Steps::of_quality(quality)?;
             tell(EncodeProgress::Begins(quality))?;
-            let encoded = encode(scene, importance, quality, options)?;
+            let encoded = encode_keeping(scene, importance, quality, options, keep)?;
             tell(EncodeProgress::Made(quality, &encoded))?;
             Ok(encoded)
         };

@@ -6,7 +6,7 @@ use super::encode::{Coding, encode_source};
 use super::encoded::{Encoded, LEFT_OUT};
 use super::exact::all_exact;
 use super::lod;
-use super::options::{CodeOptions, EncodeOptions, ImportanceFrom, MaxError, PrepareOptions};
+use super::options::{EncodeOptions, ImportanceFrom, MaxError, PrepareOptions};
 use super::outliers::split_outliers;
 use super::source::{GaussianSource, Whole};
 use super::strategy::j_high;
@@ -40,13 +40,25 @@ pub fn encode(
     quality: f32,
     options: &EncodeOptions,
 ) -> Result<Encoded> {
+    encode_keeping(scene, importance, quality, options, false)
+}
+
+/// As [`encode`]; with `keep` it has [`Encoded::decoded`].
+pub(super) fn encode_keeping(
+    scene: &Scene,
+    importance: Option<&[f32]>,
+    quality: f32,
+    options: &EncodeOptions,
+    keep: bool,
+) -> Result<Encoded> {
     let steps = Steps::of_quality(quality)?;
     let EncodeOptions { prepare, code } = options;
     let encode = || {
         let mut input = Input::lossy(scene, importance, quality, prepare)?;
         let kept = input.scene.len();
         let outliers = split_outliers(&input.scene, &input.survey)?;
-        let encoded = encode_leaves(&mut input, outliers, (quality, prepare), (&steps, code))?;
+        let coding = Coding { keep, ..Coding::new(&steps, code) };
+        let encoded = encode_leaves(&mut input, outliers, (quality, prepare), coding)?;
         Ok(input.counted(encoded, scene.len(), kept))
     };
     encode().map_err(|error| about_input(error, scene, code.max_sh_degree))
@@ -88,11 +100,11 @@ fn encode_leaves(
     input: &mut Input<'_>,
     split: Option<Trimmed>,
     (quality, prepare): (f32, &PrepareOptions),
-    (steps, code): (&Steps, &CodeOptions),
+    coding: Coding<'_>,
 ) -> Result<Encoded> {
     let outliers = input.take_out(split.as_ref())?;
     let leaves = input.voxelize(quality, prepare)?;
-    let encoded = encode_tiled(&input.scene, leaves, outliers.as_ref(), steps, code)?.0;
+    let encoded = encode_tiled(&input.scene, leaves, outliers.as_ref(), coding)?.0;
     let leaves = encoded.index.header.count as u32;
     let rows = match &split {
         Some(split) => split.rows(&encoded.rows, leaves - split.outliers.len() as u32),
@@ -106,18 +118,22 @@ pub(super) fn encode_tiled(
     scene: &Scene,
     leaves: TiledLeaves,
     outliers: Option<&Scene>,
-    steps: &Steps,
-    code: &CodeOptions,
+    coding: Coding<'_>,
 ) -> Result<(Encoded, Voxelization, Importance)> {
     let TiledLeaves { voxels, importance, shared } = leaves;
     let whole = shared.as_ref().map(|shared| Whole {
-        tiles: lod::LodTiles::new(&shared.tiles, shared.tiles.len() > 1, scene.len() as u64, code),
+        tiles: lod::LodTiles::new(
+            &shared.tiles,
+            shared.tiles.len() > 1,
+            scene.len() as u64,
+            coding.options,
+        ),
         mean_importance: shared.mean_importance,
         sh_degree: None,
     });
     let weights = Importance::Given(importance);
     let source = GaussianSource { scene, voxels: &voxels, weights: &weights, merged: false, whole };
-    let encoded = encode_source(&source, outliers, Coding::new(steps, code))?;
+    let encoded = encode_source(&source, outliers, coding)?;
     Ok((encoded, voxels, weights))
 }
 

@@ -60,13 +60,14 @@ impl GaussianSource<'_> {
         Ok(Merging::new(self.scene, &part, Merge::Moments, self.weights)?.sh(degree))
     }
 
-    /// Encodes some leaves of a level; `classes` are those of the level.
+    /// Encodes some leaves of a level; `classes` are those of the level. `kept` is as for [`ChunkEncoder::encode`].
     pub(crate) fn encode_chunk(
         &self,
         how: CodingSettings<'_>,
         level: &LodLevel,
         classes: &[f32],
         range: Range<usize>,
+        kept: Option<&mut Scene>,
     ) -> Result<EncodedChunk> {
         let base = self.base(level, range.clone())?;
         let octree = level.octree(self.voxels).part(range.clone());
@@ -78,7 +79,7 @@ impl GaussianSource<'_> {
         };
         let encoder = ChunkEncoder::new(octree, &classes[range.clone()])?;
         let mut layers =
-            encoder.encode(&CodingSettings { sh_degree, ..how }, base, sh, range.start)?;
+            encoder.encode(&CodingSettings { sh_degree, ..how }, base, sh, range.start, kept)?;
         layers.resize(1 + usize::from(how.sh_degree), Vec::new());
         Ok((chunk, layers))
     }

@@ -5,6 +5,7 @@ mod motion;
 mod reference;
 mod tracks;
 
+use super::encode::Coding;
 use super::options::{DEFAULT_QUALITY, EncodeOptions};
 use super::prepare::{Inside, encode_tiled, inside};
 use crate::bytes::Writer;
@@ -167,7 +168,7 @@ fn encode_group(tracks: Tracks, options: &SequenceOptions) -> Result<EncodedGrou
         (leaves.voxels, leaves.shared) = (leaves.voxels.split(&scene.means, apart)?, None);
     }
     let (encoded, voxels, weights) =
-        encode_tiled(&scene, leaves, outliers.as_ref(), &steps, &encode.code)?;
+        encode_tiled(&scene, leaves, outliers.as_ref(), Coding::new(&steps, &encode.code))?;
     let mut motion = Writer::default();
     if count > 1 {
         let merged = |scene: &Scene| -> Result<Scene> {
