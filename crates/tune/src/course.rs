@@ -129,6 +129,8 @@ fn cost(state: &CodecLoop, loss: f64) -> f64 {
 }
 
 impl Work for Course {
+    const FORECAST: bool = true;
+
     fn steps(&self) -> u64 {
         self.plans.iter().map(TunePlan::steps).sum()
     }

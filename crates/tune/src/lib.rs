@@ -11,6 +11,7 @@ mod epochs;
 mod error;
 mod forecast;
 mod options;
+mod pace;
 mod photos;
 mod plan;
 mod probe;

@@ -12,6 +12,7 @@ use gs_model::Scene;
 
 use crate::checkpoint::{self, StateReader, StateWriter};
 use crate::error::{Error, Result};
+use crate::pace::Pace;
 use crate::progress::{Progress, StageName, StopReason};
 use crate::views::Views;
 
@@ -37,7 +38,9 @@ impl Clock {
 pub(crate) trait Work {
     /// Steps of the whole run, at most.
     fn steps(&self) -> u64;
-    /// Seconds of what comes after so many steps, up to a factor that is the same for all of them.
+    /// Whether [`Work::seconds_after`] is about right before the first step.
+    const FORECAST: bool = false;
+    /// Seconds of what comes after so many steps, up to a factor.
     fn seconds_after(&self, steps: u64) -> f64 {
         self.steps().saturating_sub(steps) as f64
     }
@@ -84,9 +87,9 @@ pub(crate) struct Trainer {
     kept: Option<Vec<u8>>,
     /// Steps that were done when the run began here, or went on from a state that was kept.
     begun: u64,
-    /// Since [`Trainer::run`], and the steps that were done then.
+    /// Since [`Trainer::run`].
     pub(crate) clock: Clock,
-    resumed: u64,
+    pace: Pace,
 }
 
 impl Trainer {
@@ -112,7 +115,7 @@ impl Trainer {
             kept: may_fall_back.then(Vec::new),
             begun: 0,
             clock: Clock::start(),
-            resumed: 0,
+            pace: Pace::new(0.0, false),
         })
     }
 
@@ -132,15 +135,16 @@ impl Trainer {
 
     /// Runs to the end, calling `progress` now and then. Says why it ended. A run that is cancelled before its first
     /// step has nothing to show: [`Error::Interrupted`].
-    pub(crate) fn run(
+    pub(crate) fn run<W: Work>(
         &mut self,
-        work: &mut impl Work,
+        work: &mut W,
         mut progress: impl FnMut(&Progress<'_>),
     ) -> Result<StopReason> {
         if self.kept.is_some() {
             self.kept = Some(self.state(work));
         }
-        (self.clock, self.resumed) = (Clock::start(), self.done);
+        self.clock = Clock::start();
+        self.pace = Pace::new(work.seconds_after(self.done), W::FORECAST);
         loop {
             let end = self.steps(work, &mut progress);
             let Err(Error::Finetune(finetune::Error::Gpu { reason })) = &end else { return end };
@@ -210,12 +214,11 @@ impl Trainer {
         }
     }
 
-    pub(crate) fn progress<'a>(&'a self, work: &'a impl Work, psnr: f64) -> Progress<'a> {
+    pub(crate) fn progress<'a>(&'a mut self, work: &'a impl Work, psnr: f64) -> Progress<'a> {
         let seconds = self.clock.seconds();
-        let left = work.seconds_after(self.done);
-        let done = work.seconds_after(self.resumed) - left;
-        let eta_seconds = if done > 0.0 { seconds / done * left } else { left };
         let RunState { stage, scene, aside_psnr, pass_psnr, bytes } = work.state();
+        let (place, left) = ((stage, self.backend.used), work.seconds_after(self.done));
+        let eta_seconds = self.pace.seconds_left(place, seconds, left);
         Progress {
             stage,
             step: self.done,
