@@ -1,6 +1,7 @@
 //! How much less a stream shows than its model, in words: an estimate after every encode.
 
 use crate::output::counted;
+use finetune::metrics::{Scores, decibels};
 use finetune::{Likeness, LossEstimate};
 use serde_json::{Value, json};
 
@@ -24,6 +25,17 @@ pub(crate) fn human(loss: &LossEstimate) -> String {
         worse.meaning(),
         other.unwrap_or_default()
     )
+}
+
+/// PSNR of equal pictures, and the greatest that is told, dB.
+const EQUAL: f64 = 99.0;
+
+/// The likeness of pictures of these scores.
+pub(crate) fn likeness(scores: &[Scores]) -> Likeness {
+    let squared_error = |s: &Scores| libm::exp10(-0.1 * s.psnr);
+    let mean = scores.iter().map(squared_error).sum::<f64>() / scores.len() as f64;
+    let Scores { ssim, ssimulacra2, .. } = Scores::mean(scores);
+    Likeness { psnr: decibels(mean).min(EQUAL), ssim, ssimulacra2, views: scores.len() }
 }
 
 /// What is said where there is nothing to compare.

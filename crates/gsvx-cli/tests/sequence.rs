@@ -151,3 +151,26 @@ fn frames_of_sequences_are_compared() {
     let two = run(&format!("compare @ @ {views} --frames 0"), &[&model, &model]);
     wrong_usage(&two, "neither");
 }
+
+#[test]
+fn a_sequence_has_a_size_per_second_and_an_estimate_of_its_loss() {
+    let dir = Folder::new();
+    let (folder, clip) = (frames(&dir, 6), dir.join("clip.gsvx"));
+    let encode =
+        |flags: &str| json(&format!("encode @ -o @ --fps 3 --force {flags}"), &[&folder, &clip]);
+    let [low, high] = ["--quality 20", "--quality 90"].map(encode);
+    let psnr = |said: &serde_json::Value| said["estimated_loss"]["psnr"].as_f64().unwrap();
+    assert!(psnr(&low) + 5.0 < psnr(&high) && psnr(&high) < 99.0, "{low} {high}");
+    assert_eq!(low["estimated_loss"]["views"], 4);
+    assert!(encode("--no-estimate")["estimated_loss"].is_null());
+
+    let bytes = |said: &serde_json::Value| said["bytes"].as_u64().unwrap();
+    let most = (bytes(&low) + bytes(&high)) / 4;
+    let said = encode(&format!("--target-bytes {most}"));
+    // Two seconds.
+    let share = bytes(&said) as f64 / (2 * most) as f64;
+    assert!((0.9..=1.0).contains(&share) && said["target_reached"] == true, "{share} {said}");
+    let out = run("encode @ -o @ --fps 3 --force --target-bytes 10", &[&folder, &clip]);
+    let heard = common::heard(&out);
+    assert!(out.status.code() == Some(3) && heard.contains("at quality 0"), "{heard}");
+}

@@ -5,7 +5,7 @@ mod summary;
 
 use crate::batch::{self, Job};
 use crate::commands::join::{self, ScenePart};
-use crate::commands::sequence;
+use crate::commands::sequence::{self, Encoding};
 use crate::content::{CONTENT, LARGE, SceneArgs};
 use crate::exit::{missed, note, usage};
 use crate::format::{STREAM, is_stream_name};
@@ -43,6 +43,7 @@ Examples:
   gsvx encode model.ply -o scene.gsvx --prune 0.2 --cameras data/fox
   gsvx encode tiles/*.ply -o city.gsvx --memory 1G             several models as one scene
   gsvx encode frames/ -o clip.gsvx --fps 30                    a sequence
+  gsvx encode frames/ -o clip.gsvx --fps 30 --target-bytes 1MB   at most 1 MB per second
   gsvx encode city.plan --part 3/16 -o part-3.gsvx             see gsvx plan
   gsvx encode - -o - < model.ply > scene.gsvx";
 
@@ -53,7 +54,7 @@ const EXPERTS: &str = "For experts, and for comparison with the paper";
 pub(crate) struct EncodeArgs {
     #[command(flatten)]
     pub(crate) scene: SceneArgs,
-    /// Best stream of at most this size: 800000, 500k, 1.5MB.
+    /// Best stream of at most this size: 800000, 500k, 1.5MB. With --fps, of a second of the sequence.
     #[arg(long, value_name = "SIZE", group = "rate", value_parser = size::bytes)]
     target_bytes: Option<u64>,
     /// Smallest stream whose renders reach this PSNR, in dB; needs --cameras.
@@ -111,7 +112,7 @@ pub(crate) struct EncodeArgs {
     /// Frames go by the last number in their names. Where they have as many Gaussians as each other, a Gaussian is the
     /// same in all of them.
     #[arg(long, value_name = "FPS", value_parser = fps, hide_short_help = true, help_heading = sequence::HEADING,
-          conflicts_with_all = ["target_bytes", "target_psnr", "target_ssimulacra2", "target_mbit", "max_error",
+          conflicts_with_all = ["target_psnr", "target_ssimulacra2", "target_mbit", "max_error",
           "lossless", "cameras", "lod", "web", "memory", "part"])]
     fps: Option<f32>,
     /// With --fps: most frames that are coded together, 1 to 256. More make a smaller sequence, fewer a faster seek.
@@ -199,7 +200,9 @@ pub(crate) fn run(args: &EncodeArgs, report: Reporter) -> Result<()> {
             let quality = args.scene.content.quality();
             let (group, encode) = (args.group.into(), args.options());
             let options = SequenceOptions { fps, quality, group, encode };
-            return sequence::encode_frames(&args.scene, &models, options, report);
+            let (bytes_per_second, estimate) = (args.target_bytes, !args.no_estimate);
+            let encoding = Encoding { options, bytes_per_second, estimate };
+            return sequence::encode_frames(&args.scene, &models, &encoding, report);
         }
         note(format_args!("note: one frame is no sequence; it becomes a static stream"));
     }

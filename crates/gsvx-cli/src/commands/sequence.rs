@@ -1,14 +1,19 @@
 //! Sequences of frames: from models, to models, and what they hold.
 
 use crate::content::{self, SceneArgs};
-use crate::exit::{note, usage};
+use crate::exit::{missed, note, usage};
 use crate::format;
+use crate::frame_source::evenly;
 use crate::input::{self, Limit, ReadingAny};
+use crate::loss;
 use crate::output::{Output, OutputFolder, counted};
 use crate::progress::Meter;
 use crate::report::Reporter;
 use anyhow::{Context, Result, bail, ensure};
+use finetune::metrics::Scores;
+use finetune::{LossEstimate, RenderOptions, framing, render};
 use gs_model::{Format, chain};
+use gsvx::rate::{self, SearchResult};
 use gsvx::sequence::{FrameGroup, Sequence};
 use gsvx::{Index, SequenceEncoder, SequenceOptions};
 use indicatif::DecimalBytes;
@@ -20,28 +25,88 @@ use std::time::Instant;
 /// Heading of the flags.
 pub(crate) const HEADING: &str = "Sequences of frames";
 
-/// Encodes frames.
-pub(crate) fn encode_frames(
-    args: &SceneArgs,
-    frames: &[PathBuf],
-    options: SequenceOptions,
-    report: Reporter,
-) -> Result<()> {
-    let output = Output::open(&args.output, args.force, frames)?;
-    let start = Instant::now();
+/// What `gsvx encode` is to make of frames.
+pub(crate) struct Encoding {
+    pub(crate) options: SequenceOptions,
+    /// Most bytes of a second, instead of the quality of the options.
+    pub(crate) bytes_per_second: Option<u64>,
+    pub(crate) estimate: bool,
+}
+
+/// An encoded sequence.
+struct Made {
+    bytes: Vec<u8>,
+    input_bytes: u64,
+    transparent: usize,
+    outliers: usize,
+}
+
+impl AsRef<[u8]> for Made {
+    fn as_ref(&self) -> &[u8] {
+        &self.bytes
+    }
+}
+
+/// Encodes frames at a quality. Says what the first holds if `say`.
+fn made(args: &SceneArgs, frames: &[PathBuf], options: SequenceOptions, say: bool) -> Result<Made> {
     let mut encoder = SequenceEncoder::new(options)?;
     let mut input_bytes = 0;
     let bar = Meter::new("frames", frames.len());
     for (i, path) in frames.iter().enumerate() {
-        let mut model = args.reading.model(path, i == 0)?;
+        let mut model = args.reading.model(path, say && i == 0)?;
         model.scene.cut_sh(options.encode.code.max_sh_degree);
         input_bytes += model.bytes;
         encoder.push(model.scene).with_context(|| input::name(path))?;
         bar.inc();
     }
     let bytes = encoder.finish()?;
-    drop(bar);
     let (transparent, outliers) = (encoder.transparent(), encoder.outliers());
+    Ok(Made { bytes, input_bytes, transparent, outliers })
+}
+
+/// The best sequence of at most so many bytes. All frames are read for each quality that is tried.
+fn searched(
+    args: &SceneArgs,
+    frames: &[PathBuf],
+    options: SequenceOptions,
+    most: u64,
+) -> Result<SearchResult<Made>> {
+    let (mut why, mut first) = (None, true);
+    let found = rate::to_bytes(most, |quality| {
+        let say = std::mem::take(&mut first);
+        let made = made(args, frames, SequenceOptions { quality, ..options }, say);
+        // The search knows errors of the library alone.
+        made.map_err(|error| {
+            why = Some(error);
+            gsvx::Error::Cancelled
+        })
+    });
+    found.map_err(|error| why.unwrap_or_else(|| error.into()))
+}
+
+/// Encodes frames.
+pub(crate) fn encode_frames(
+    args: &SceneArgs,
+    frames: &[PathBuf],
+    encoding: &Encoding,
+    report: Reporter,
+) -> Result<()> {
+    let Encoding { options, bytes_per_second, estimate } = *encoding;
+    let output = Output::open(&args.output, args.force, frames)?;
+    let start = Instant::now();
+    let seconds = frames.len() as f64 / f64::from(options.fps);
+    let found = match bytes_per_second {
+        Some(most) => searched(args, frames, options, (most as f64 * seconds) as u64)?,
+        None => SearchResult {
+            encoded: made(args, frames, options, true)?,
+            quality: options.quality,
+            encodes: 1,
+            measured: None,
+            reached: true,
+        },
+    };
+    let SearchResult { encoded, quality, encodes, reached, .. } = found;
+    let Made { bytes, input_bytes, transparent, outliers } = encoded;
     if transparent > 0 {
         note(content::transparent(transparent));
     }
@@ -52,29 +117,85 @@ pub(crate) fn encode_frames(
     let sequence = Sequence::parse(&bytes)?;
     let written = output.write(|out| Ok(out.write_all(&bytes)?))?;
     let (seconds, groups) = (start.elapsed().as_secs_f64(), sequence.groups.len());
-    let human = format!(
-        "{} in {}, {} -> {} ({:.1}x, {} per frame, {} per second); quality {}, in {seconds:.2} s",
+    let rate = per_second(&sequence, written.bytes);
+    let tries = match encodes {
+        1 => format!("quality {quality}"),
+        _ => format!("quality {quality:.1}, {encodes} encodes"),
+    };
+    let mut human = format!(
+        "{} in {}, {} -> {} ({:.1}x, {} per frame, {} per second); {tries}, in {seconds:.2} s",
         counted(frames.len(), "frame"),
         counted(groups, "group"),
         DecimalBytes(input_bytes),
         DecimalBytes(written.bytes),
         input_bytes as f64 / written.bytes as f64,
         DecimalBytes(written.bytes / frames.len() as u64),
-        DecimalBytes(per_second(&sequence, written.bytes)),
-        options.quality,
+        DecimalBytes(rate),
     );
-    let json = json!({
+    let mut json = json!({
         "frames": frames.len(),
         "groups": groups,
         "fps": options.fps,
-        "quality": options.quality,
+        "quality": quality,
+        "encodes": encodes,
+        "target_reached": reached,
         "bytes": written.bytes,
+        "bytes_per_second": rate,
         "input_bytes": input_bytes,
         "transparent": transparent,
         "outliers": outliers,
         "encode_seconds": seconds,
     });
-    report.wrote(&written, &human, json)
+    if estimate {
+        let loss = estimated(args, frames, &sequence, &bytes)?;
+        human += &format!("\n{}", loss::human(&loss));
+        json["estimated_loss"] = loss::json(&loss);
+        if let Some(warning) = loss::warning(&loss, false, true) {
+            note(format_args!("warning: {}: {warning}", written.name));
+        }
+    }
+    report.wrote(&written, &human, json)?;
+    match bytes_per_second {
+        Some(wanted) if !reached => Err(missed(format!(
+            "{}: written, but at quality 0 a second takes {rate} bytes, more than {wanted}",
+            written.name
+        ))),
+        _ => Ok(()),
+    }
+}
+
+/// Frames that are drawn to estimate the loss, each from another place.
+const ESTIMATED: u32 = 4;
+
+/// How much less a sequence shows than its frames.
+fn estimated(
+    args: &SceneArgs,
+    frames: &[PathBuf],
+    sequence: &Sequence,
+    bytes: &[u8],
+) -> Result<LossEstimate> {
+    let input = |number: u64| {
+        Ok::<_, anyhow::Error>(args.reading.model(&frames[number as usize], false)?.scene)
+    };
+    let first = input(0)?;
+    let cameras = framing::around(&first, ESTIMATED);
+    let (mut scores, mut shows) = (Vec::new(), false);
+    for (number, camera) in evenly(frames.len() as u64, ESTIMATED.into()).into_iter().zip(&cameras)
+    {
+        let mut frame = input(number)?;
+        let Some(group) = sequence.group_of(number) else { continue };
+        let decoded = sequence.group(bytes, group, Some(u64::MAX))?;
+        let mut decoded = decoded.frame((number - sequence.groups[group].frames.start) as usize);
+        let drawn = [&mut frame, &mut decoded].map(|scene| {
+            scene.move_origin(first.origin);
+            render(scene, camera, &RenderOptions::default())
+        });
+        let [reference, shown] = drawn;
+        shows |= reference.rgb.iter().any(|&v| v > 0.0);
+        scores.push(Scores::of(&shown, &reference));
+    }
+    let around = shows.then(|| loss::likeness(&scores));
+    Ok(LossEstimate { around, ..LossEstimate::default() })
 }
 
 fn per_second(sequence: &Sequence, bytes: u64) -> u64 {
