@@ -80,3 +80,28 @@ fn photos_of_other_views_and_of_another_exposure_are_detected() {
     dark[0].photo = Photo::black(3, 3);
     assert_eq!(PhotoCheck::of(&scene, &dark), None);
 }
+
+/// A model that fits its photos badly is like them at their own cameras alone; one that lies elsewhere nowhere.
+#[test]
+fn photos_of_a_poor_model_prove_its_cameras_and_those_of_a_moved_model_do_not() {
+    let mut scene = Scene::default();
+    let mut rooms = Vec::new();
+    for (i, camera) in cameras(7).into_iter().enumerate() {
+        let away = 1000.0 * i as f32;
+        let mut room = common::scene(60, 0, i as u64);
+        room.means.iter_mut().for_each(|mean| mean[1] += away);
+        scene.append(&room);
+        rooms.push(camera.relative_to([0.0, -f64::from(away), 0.0]));
+    }
+    let mut photos = views(&scene, rooms);
+    for view in &mut photos {
+        let row = 3 * view.photo.width as usize;
+        let stripes = view.photo.rgb.chunks_mut(row).enumerate().filter(|(y, _)| y % 16 < 8);
+        stripes.flat_map(|(_, row)| row).for_each(|v| *v = v.saturating_add(26));
+    }
+    let found = PhotoCheck::of(&scene, &photos).unwrap();
+    assert!(found.unlike_own > 0.1 && found.proves_cameras(), "{found:?}");
+    scene.means.iter_mut().for_each(|mean| mean[0] += 0.5);
+    let found = PhotoCheck::of(&scene, &photos).unwrap();
+    assert!(!found.proves_cameras(), "{found:?}");
+}
