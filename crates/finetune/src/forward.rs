@@ -34,6 +34,21 @@ impl Forward {
         tile_lists(view, splats, boxes, &self.order, &mut self.lists);
     }
 
+    /// As [`render`], in memory that is there from the view before.
+    pub(crate) fn render(
+        &mut self,
+        scene: &Scene,
+        camera: &Camera,
+        options: &RenderOptions,
+    ) -> Image {
+        if !camera.image_fits() {
+            return Image::default();
+        }
+        let view = RenderView::new(camera, options);
+        self.run(scene, &view);
+        self.image(&view)
+    }
+
     /// The blended tiles as an image, over the background.
     pub(crate) fn image(&self, view: &RenderView) -> Image {
         let mut image = Image::new(view.width, view.height);
@@ -60,11 +75,5 @@ impl Forward {
 /// ([`Camera::image_fits`]) gives an image of no pixels.
 #[must_use]
 pub fn render(scene: &Scene, camera: &Camera, options: &RenderOptions) -> Image {
-    if !camera.image_fits() {
-        return Image::default();
-    }
-    let view = RenderView::new(camera, options);
-    let mut forward = Forward::default();
-    forward.run(scene, &view);
-    forward.image(&view)
+    Forward::default().render(scene, camera, options)
 }
