@@ -207,11 +207,11 @@ mod tests {
     }
 
     #[test]
-    fn flicker_is_what_changes_otherwise() {
+    fn flicker_is_the_error_of_the_changes() {
         let [still, brighter] = [picture(|x, _, _| x), picture(|x, _, _| x + 51)];
         assert_eq!(flicker([&brighter, &brighter], [&still, &still]), 0.0);
         assert_eq!(flicker([&still, &brighter], [&still, &brighter]), 0.0);
-        // A change of a fifth that the reference has not.
+        // The image changes by a fifth, the reference does not.
         let error = flicker([&still, &brighter], [&still, &still]);
         assert!((error - 0.04).abs() < 1e-6, "{error}");
         assert!(flicker([&still, &still], [&still, &Image::new(8, 8)]).is_nan());

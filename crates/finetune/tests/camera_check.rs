@@ -81,7 +81,8 @@ fn photos_of_other_views_and_of_another_exposure_are_detected() {
     assert_eq!(PhotoCheck::of(&scene, &dark), None);
 }
 
-/// A model that fits its photos badly is like them at their own cameras alone; one that lies elsewhere nowhere.
+/// A model that fits its photos badly still resembles them at their own cameras and at no others. A model that was moved
+/// resembles them at none.
 #[test]
 fn photos_of_a_poor_model_prove_its_cameras_and_those_of_a_moved_model_do_not() {
     let mut scene = Scene::default();

@@ -32,7 +32,7 @@ Examples:
 pub(crate) struct CompareArgs {
     /// The reference: a stream or a model of any format. A folder or 'frames/*.ply' in quotes is a sequence.
     reference: PathBuf,
-    /// The one that is judged, as the reference.
+    /// What is judged, in the same forms as the reference.
     model: PathBuf,
     #[command(flatten)]
     views: WhichViews,

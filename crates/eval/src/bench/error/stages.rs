@@ -153,8 +153,8 @@ fn voxelizations(study: &Study, depth: u8) -> Result<Family> {
     let cube = voxel::cube_of(&scene.means)?;
     let mut family = Family::new(
         "Voxelizations",
-        "Merged by moments, one row by W2 barycenters. Equation 4 is relative to that of uniform J: at the barycenters, which is the error, and at the Gaussians that replace the members. PSNR at the held-out photos.",
-        "Gaussians | equation 4 | of what replaces | PSNR, dB",
+        "Merged by moments, one row by W2 barycenters. Equation 4 is relative to that of uniform J at its barycenters: at the barycenters (the error), and at the merged Gaussians. PSNR at the held-out photos.",
+        "Gaussians | equation 4 | at the merged | PSNR, dB",
     );
     let strategies = [
         ("uniform, J", Strategy::Uniform { depth }, "like the original to 40 dB"),

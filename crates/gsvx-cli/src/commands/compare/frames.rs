@@ -59,13 +59,13 @@ pub(super) fn run(args: &CompareArgs, report: Reporter) -> Result<()> {
         scores.push(of_frame);
     }
     drop(steps);
-    let found = Found { chosen, scores, changes };
+    let result = SequenceScores { chosen, scores, changes };
     let mut human = format!("{reference}: {}\n{model}: {}\n", counts[0], counts[1]);
     if let Some(origin) = &origin {
         human += &format!("{}\n", origin.human());
     }
-    human += &found.human();
-    let mut json = found.json(&cameras);
+    human += &result.human();
+    let mut json = result.json(&cameras);
     json["frame_count"] = json!(frames);
     json["cameras"] = origin.as_ref().map_or(Value::Null, Origin::json);
     report.say(false, &human, &json)
@@ -88,7 +88,7 @@ fn chosen(named: &[u64], frames: u64) -> Result<Vec<u64>> {
 }
 
 /// What was measured.
-struct Found {
+struct SequenceScores {
     chosen: Vec<u64>,
     /// By frame, then view.
     scores: Vec<Vec<Scores>>,
@@ -96,7 +96,7 @@ struct Found {
     changes: Vec<f64>,
 }
 
-impl Found {
+impl SequenceScores {
     fn mean(&self) -> Scores {
         Scores::mean(&self.scores.concat())
     }
