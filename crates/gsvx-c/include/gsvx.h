@@ -22,6 +22,8 @@
  *      Base layers alone (layers = 1) show the scene without view dependence; ask for more layers of the same chunk
  *      later. gsvx_forget when no more of it is wanted.
  *
+ * A sequence of frames: gsvx_open, gsvx_decode_frame with all bytes, gsvx_copy.
+ *
  * Errors. Functions return a gsvx_status. `message`, the last argument, gets one line of text about it; it may be
  * NULL. After an error nothing is written to other results, unless a function says otherwise.
  *
@@ -208,6 +210,18 @@ typedef struct {
   uint32_t layers;
 } gsvx_chunk;
 
+// A frame that is held, and the sequence that it is of.
+typedef struct {
+  // Frames of the sequence.
+  uint64_t frames;
+  // Gaussians of this frame.
+  uint64_t gaussians;
+  // Frames per second.
+  float fps;
+  // SH degree of the arrays: see `gsvx_info.sh_degree`.
+  uint32_t sh_degree;
+} gsvx_frame;
+
 // A model in the parametrisation of 3DGS training. The arrays are as those of `gsvx_array`; they are only read,
 // and not after `gsvx_encode` returns. Without Gaussians they may be NULL.
 typedef struct {
@@ -304,6 +318,20 @@ gsvx_status gsvx_decode(gsvx_stream *stream,
                         uint32_t layers,
                         uint64_t *gaussians,
                         gsvx_message *message);
+
+// Decodes frame number `number` of a sequence, whose `size` bytes are in memory, and holds its Gaussians in place of those
+// held before: gsvx_copy copies them. `frame` gets what they are. Further frames of the
+// same group take little time. The work uses all cores, on threads that stay for the next call.
+//
+// `stream` gives its options, of which `max_gaussians` is the limit of a frame; nothing need be given to it.
+// GSVX_STATUS_ARGUMENT if there is no such frame, GSVX_STATUS_VERSION if the stream is none of a sequence,
+// GSVX_STATUS_TRUNCATED, GSVX_STATUS_DAMAGED and GSVX_STATUS_LIMIT as in gsvx_decode. What was held stays then.
+gsvx_status gsvx_decode_frame(gsvx_stream *stream,
+                              const uint8_t *bytes,
+                              size_t size,
+                              uint64_t number,
+                              gsvx_frame *frame,
+                              gsvx_message *message);
 
 // The bytes that each Gaussian takes in an array (one of `gsvx_array`) of a stream of SH degree `sh_degree`. 0 for
 // what is no array, for degrees above 3, and for arrays of degrees above `sh_degree`.

@@ -13,7 +13,7 @@ pub(crate) enum Error {
     Argument { what: &'static str, value: u64, range: &'static str },
     #[error("the index has not arrived: give the bytes that gsvx_needs asks for")]
     NoIndex,
-    #[error("no chunk is decoded: call gsvx_decode first")]
+    #[error("nothing is decoded: call gsvx_decode or gsvx_decode_frame first")]
     NothingDecoded,
     #[error("the buffer has {have} bytes, {need} are needed")]
     Buffer { have: usize, need: usize },
@@ -47,7 +47,7 @@ fn of_codec(error: &gsvx::Error) -> Status {
     use gsvx::Error as E;
     match error {
         E::NotGsvx => Status::NotGsvx,
-        E::Version { .. } => Status::Version,
+        E::Version { .. } | E::IsSequence | E::IsStatic => Status::Version,
         E::Truncated { .. } => Status::Truncated,
         E::Limit { .. } => Status::Limit,
         #[cfg(feature = "encode")]

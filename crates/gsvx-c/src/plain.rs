@@ -165,6 +165,20 @@ pub struct Chunk {
     pub layers: u32,
 }
 
+/// A frame that is held, and the sequence that it is of.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct Frame {
+    /// Frames of the sequence.
+    pub frames: u64,
+    /// Gaussians of this frame.
+    pub gaussians: u64,
+    /// Frames per second.
+    pub fps: f32,
+    /// SH degree of the arrays: see `gsvx_info.sh_degree`.
+    pub sh_degree: u32,
+}
+
 /// Bytes of the stream from `begin` to before `end`, counted from its first.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]

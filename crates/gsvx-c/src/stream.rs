@@ -1,8 +1,9 @@
 //! A stream that arrives in parts, and the chunk of it that is decoded.
 
 use crate::error::{Error, Result};
-use crate::plain::{Array, ByteRange, Chunk, Info, Options};
+use crate::plain::{Array, ByteRange, Chunk, Frame, Info, Options};
 use gs_model::{Axes, Scene};
+use gsvx::sequence::{FrameGroup, Frames, Sequence};
 use gsvx::{Index, Kind, Reader};
 use std::mem::MaybeUninit;
 use std::sync::{Mutex, MutexGuard};
@@ -17,22 +18,25 @@ pub(crate) struct State {
     reader: Reader,
     axes: Axes,
     max_sh_degree: u8,
-    /// The Gaussians of the decoded chunk, in the caller's axes.
+    max_gaussians: Option<u64>,
+    /// The Gaussians of the decoded chunk or frame, in the caller's axes.
     decoded: Option<Scene>,
+    /// The group of frames that was decoded last, and what the head said of it.
+    group: Option<(FrameGroup, Frames)>,
 }
 
 impl Stream {
     pub(crate) fn new(options: Option<&Options>) -> Result<Self> {
         let default = Options { axes: 0, max_sh_coefficients: 0, max_gaussians: 0 };
         let options = options.unwrap_or(&default);
+        let max_gaussians = Some(options.max_gaussians).filter(|&most| most > 0);
         Ok(Self(Mutex::new(State {
-            reader: match options.max_gaussians {
-                0 => Reader::new(),
-                most => Reader::with_max_gaussians(most),
-            },
+            reader: max_gaussians.map_or_else(Reader::new, Reader::with_max_gaussians),
             axes: axes(options.axes)?,
             max_sh_degree: max_sh_degree(options.max_sh_coefficients)?,
+            max_gaussians,
             decoded: None,
+            group: None,
         })))
     }
 
@@ -169,7 +173,27 @@ impl State {
         Ok(count as u64)
     }
 
-    /// Copies an array of the decoded chunk.
+    /// Decodes a frame of a sequence in place of what was decoded before.
+    pub(crate) fn decode_frame(&mut self, bytes: &[u8], number: u64) -> Result<Frame> {
+        let sequence = Sequence::parse(bytes)?;
+        let range = "less than gsvx_frame.frames";
+        let group = sequence.group_of(number);
+        let group = group.ok_or(Error::Argument { what: "frame", value: number, range })?;
+        let entry = &sequence.groups[group];
+        let held = self.group.take().filter(|(held, _)| held == entry);
+        let (_, frames) = self.group.insert(match held {
+            Some(held) => held,
+            None => (entry.clone(), sequence.group(bytes, group, self.max_gaussians)?),
+        });
+        let mut scene = frames.frame((number - entry.frames.start) as usize);
+        scene.cut_sh(self.max_sh_degree);
+        self.axes.turn(&mut scene);
+        let (gaussians, sh_degree) = (scene.len() as u64, scene.sh_degree.into());
+        self.decoded = Some(scene);
+        Ok(Frame { frames: sequence.frames(), gaussians, fps: sequence.fps, sh_degree })
+    }
+
+    /// Copies an array of the decoded chunk or frame.
     pub(crate) fn copy(&self, array: u32, out: &mut [MaybeUninit<u8>]) -> Result<()> {
         let array = Array::numbered(array)?;
         let scene = self.decoded.as_ref().ok_or(Error::NothingDecoded)?;

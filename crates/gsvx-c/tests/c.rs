@@ -105,6 +105,29 @@ fn parts_of_the_goldens_decode_to_the_floats_of_the_rust_decoder() {
     }
 }
 
+#[test]
+fn frames_of_the_golden_sequences_have_the_floats_of_the_rust_decoder() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let Some(program) = compiled(&here("tests/c/frames.c"), folder.path()) else { return };
+    for name in ["tracked.gsvx", "births.gsvx"] {
+        let path = here("../../fixtures/sequences").join(name);
+        let bytes = std::fs::read(&path).expect("a golden");
+        let sequence = gsvx::sequence::Sequence::parse(&bytes).expect("a golden");
+        let mut expected = Vec::new();
+        for number in 0..sequence.groups.len() {
+            let group = sequence.group(&bytes, number, None).expect("a golden");
+            for s in (0..group.len()).map(|t| group.frame(t)) {
+                expected.extend(s.means.as_flattened().iter().chain(s.rotations.as_flattened()));
+                expected.extend(s.log_scales.as_flattened().iter().chain(&s.opacity_logits));
+                expected.extend(s.sh.as_flattened());
+            }
+        }
+        let out = run(guarded(&program).arg(&path)).stdout;
+        let floats: Vec<u32> = out.as_chunks().0.iter().map(|&b| u32::from_ne_bytes(b)).collect();
+        assert!(floats == bits(&expected), "{name}");
+    }
+}
+
 /// The numbers of Gaussians of the chunks of the finest level.
 fn chunks(path: &std::path::Path) -> Vec<usize> {
     let index = gsvx::Index::parse(&std::fs::read(path).expect("a golden")).expect("a golden");

@@ -115,9 +115,12 @@ fn remedy(error: &(dyn StdError + 'static)) -> Option<String> {
         gsvx::Error::Limit { points, .. } => {
             Some(format!("pass max_gaussians={points} if you trust it"))
         }
+        gsvx::Error::IsSequence => Some("gsvx.frames iterates its frames".into()),
         gsvx::Error::TooLarge { .. } => {
             Some("drop_invalid=True leaves it out, lossless=True keeps it".into())
         }
+        gsvx::Error::IsStatic => Some("gsvx.decompress decodes it".into()),
+        gsvx::Error::Truncated { what: "a group of frames", .. } => None,
         gsvx::Error::Truncated { what, .. } if *what != "head" => {
             Some("pass salvage=True to decode what is there".into())
         }

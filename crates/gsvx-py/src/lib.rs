@@ -12,6 +12,7 @@ mod decode;
 mod encode;
 mod error;
 mod files;
+mod frames;
 mod render;
 mod tuning;
 
@@ -26,6 +27,7 @@ fn _gsvx(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add("PRESETS", presets.into_py_dict(m.py())?)?;
     m.add("Error", m.py().get_type::<error::Error>())?;
     m.add_class::<decode::StreamReader>()?;
+    m.add_class::<frames::FrameReader>()?;
     m.add_function(wrap_pyfunction!(background::set_threads, m)?)?;
     m.add_function(wrap_pyfunction!(cameras::read_cameras, m)?)?;
     m.add_function(wrap_pyfunction!(cameras::orbit, m)?)?;

@@ -20,6 +20,9 @@ pub enum Error {
     /// The stream is a sequence: see [`crate::sequence`].
     #[error("a sequence of frames, not a static stream")]
     IsSequence,
+    /// The stream is no sequence: see [`crate::decode`].
+    #[error("a static stream, not a sequence of frames")]
+    IsStatic,
     /// A frame does not fit those before it.
     #[cfg(feature = "encode")]
     #[error("a frame of SH degree {found}, where those before it have {expected}")]

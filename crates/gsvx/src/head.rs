@@ -171,6 +171,9 @@ fn head_len_of(ours: u8, start: &[u8]) -> Result<u64> {
     if version == SEQUENCE_VERSION && ours == VERSION {
         return Err(Error::IsSequence);
     }
+    if version == VERSION && ours == SEQUENCE_VERSION {
+        return Err(Error::IsStatic);
+    }
     if version != ours {
         return Err(Error::Version { version, ours });
     }

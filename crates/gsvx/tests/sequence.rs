@@ -42,6 +42,7 @@ fn tracked_frames_come_back_at_a_small_part_of_their_cost() {
     let bytes = sequence(given.clone(), QUALITY, 30);
     assert!(is_sequence(&bytes) && !is_sequence(&alone(&given[0])));
     assert!(matches!(gsvx::decode(&bytes), Err(Error::IsSequence)));
+    assert!(matches!(Sequence::parse(&alone(&given[0])), Err(Error::IsStatic)));
     let back = decoded(&bytes).unwrap();
     assert_eq!(back.len(), 30);
     let mut cost = 0;

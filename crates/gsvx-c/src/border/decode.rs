@@ -2,7 +2,7 @@
 
 use super::{buffer, changed, given, place, run, slice};
 use crate::array::stride;
-use crate::plain::{ByteRange, Chunk, Info, Message, Options, Status};
+use crate::plain::{ByteRange, Chunk, Frame, Info, Message, Options, Status};
 use crate::stream::Stream;
 use std::mem::MaybeUninit;
 use std::ptr::NonNull;
@@ -132,6 +132,32 @@ pub unsafe extern "C" fn gsvx_decode(
         if let Some(gaussians) = gaussians {
             gaussians.write(count);
         }
+        Ok(String::new())
+    })
+}
+
+/// Decodes frame number `number` of a sequence, whose `size` bytes are in memory, and holds its Gaussians in place of those
+/// held before: gsvx_copy copies them. `frame` gets what they are. Further frames of the
+/// same group take little time. The work uses all cores, on threads that stay for the next call.
+///
+/// `stream` gives its options, of which `max_gaussians` is the limit of a frame; nothing need be given to it.
+/// GSVX_STATUS_ARGUMENT if there is no such frame, GSVX_STATUS_VERSION if the stream is none of a sequence,
+/// GSVX_STATUS_TRUNCATED, GSVX_STATUS_DAMAGED and GSVX_STATUS_LIMIT as in gsvx_decode. What was held stays then.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn gsvx_decode_frame(
+    stream: Option<NonNull<Stream>>,
+    bytes: *const u8,
+    size: usize,
+    number: u64,
+    frame: Option<&mut MaybeUninit<Frame>>,
+    message: Option<&mut MaybeUninit<Message>>,
+) -> Status {
+    run(message, || {
+        // SAFETY: the header asks for `size` bytes at `bytes` that do not change during the call.
+        let bytes = unsafe { slice(bytes, size, "bytes") }?;
+        let frame = place(frame, "frame")?;
+        // SAFETY: the header asks for a handle that is not closed during the call.
+        frame.write(unsafe { changed(stream) }?.lock()?.decode_frame(bytes, number)?);
         Ok(String::new())
     })
 }

@@ -13,6 +13,7 @@ from ._arrays import Splats
 from ._cameras import Cameras, read_cameras
 from ._codec import PRESETS, compress, compress_to_bytes, decompress, decompress_bytes
 from ._files import read_model, write_model
+from ._frames import Frames, frames
 from ._gsplat import GsvxCompression
 from ._gsvx import DEFAULT_QUALITY, Error, __version__, set_threads
 from ._render import compare, orbit, render
@@ -28,6 +29,7 @@ __all__ = [
     "DEFAULT_QUALITY",
     "Error",
     "Estimate",
+    "Frames",
     "GsvxCompression",
     "PRESETS",
     "Progress",
@@ -42,6 +44,7 @@ __all__ = [
     "compress_to_bytes",
     "decompress",
     "decompress_bytes",
+    "frames",
     "from_usd",
     "open",
     "orbit",

@@ -8,6 +8,7 @@ import numpy.typing as npt
 __all__ = [
     "DEFAULT_QUALITY",
     "Error",
+    "FrameReader",
     "PRESETS",
     "Reader",
     "__version__",
@@ -42,6 +43,15 @@ class Reader:
     def forget(self, chunk: int) -> None: ...
     def decode(self, chunk: int, layers: int) -> _Arrays: ...
     def head(self) -> Optional[Dict[str, Any]]: ...
+
+@final
+class FrameReader:
+    def __new__(cls, data: bytes, name: str, max_gaussians: Optional[int]) -> FrameReader: ...
+    @property
+    def fps(self) -> float: ...
+    @property
+    def groups(self) -> List[Tuple[int, int]]: ...
+    def frame(self, number: int) -> _Arrays: ...
 
 def set_threads(threads: int) -> None:
     """Sets the number of threads of all later calls; 0 for one per core."""
