@@ -24,8 +24,7 @@ pub(crate) struct Cache {
 }
 
 /// SHA-256 of bytes, hexadecimal.
-#[must_use]
-pub fn hash_bytes(bytes: &[u8]) -> String {
+pub(crate) fn hash_bytes(bytes: &[u8]) -> String {
     hex(Sha256::digest(bytes).as_slice())
 }
 

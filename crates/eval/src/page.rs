@@ -12,7 +12,7 @@ use crate::scenes;
 /// Rows under a header; the first column is names, the others are numbers. A row is written with `|` between its
 /// cells.
 #[derive(Clone, Debug)]
-pub struct Table {
+pub(crate) struct Table {
     /// Names of the columns.
     pub(crate) header: Vec<String>,
     /// As many cells each.
@@ -41,13 +41,12 @@ fn cells(row: &str) -> Vec<String> {
 
 impl Table {
     /// No rows yet.
-    #[must_use]
-    pub fn new(header: impl AsRef<str>) -> Self {
+    pub(crate) fn new(header: impl AsRef<str>) -> Self {
         Self { header: cells(header.as_ref()), rows: Vec::new() }
     }
 
     /// Adds a row.
-    pub fn row(&mut self, row: impl AsRef<str>) {
+    pub(crate) fn row(&mut self, row: impl AsRef<str>) {
         let row = cells(row.as_ref());
         debug_assert_eq!(row.len(), self.header.len(), "{row:?}");
         self.rows.push(row);
@@ -96,7 +95,7 @@ impl Table {
 }
 
 /// A page in the making.
-pub struct Page {
+pub(crate) struct Page {
     out: PathBuf,
     text: String,
     /// Tables beside the page, with the names of their files.
@@ -107,20 +106,19 @@ pub struct Page {
 
 impl Page {
     /// A page that goes to `out`, relative to the root of the workspace.
-    #[must_use]
-    pub fn new(out: &Path, title: &str) -> Self {
+    pub(crate) fn new(out: &Path, title: &str) -> Self {
         let out = scenes::root().join(out);
         Self { out, text: format!("# {title}\n\n"), data: Vec::new(), charts: Vec::new() }
     }
 
     /// Adds a paragraph, or a heading with its `##`.
-    pub fn text(&mut self, text: impl AsRef<str>) {
+    pub(crate) fn text(&mut self, text: impl AsRef<str>) {
         self.text += text.as_ref();
         self.text += "\n\n";
     }
 
     /// Adds a table.
-    pub fn table(&mut self, table: &Table) {
+    pub(crate) fn table(&mut self, table: &Table) {
         self.text += &table.markdown();
     }
 
@@ -141,10 +139,7 @@ impl Page {
     }
 
     /// Writes the page, its pictures and its data.
-    ///
-    /// # Errors
-    /// If a file cannot be written.
-    pub fn write(self) -> Result<()> {
+    pub(crate) fn write(self) -> Result<()> {
         if let Some(folder) = self.out.parent() {
             let cannot = || format!("create {}", folder.display());
             std::fs::create_dir_all(folder).with_context(cannot)?;
