@@ -4,18 +4,19 @@ use finetune::{Likeness, Viewpoint, doubted_loss, estimate_loss};
 use glam::DVec3;
 use gs_model::{Camera, Scene};
 
-/// Two desks, and cameras that see the first one only.
-fn desks() -> (Scene, Vec<Camera>) {
-    let one = testing::desk(2000, 0);
+/// Two clusters, and cameras that see the first one only.
+fn clusters() -> (Scene, Vec<Camera>) {
+    let one = testing::trained_like(2000, 1, &mut testing::Rng::seeded(1));
+    let cameras = finetune::framing::around(&one, 6);
     let mut both = one.clone();
     both.append(&one);
     both.means[one.len()..].iter_mut().for_each(|m| m[0] += 6.0);
-    (both, testing::desk_cameras(6))
+    (both, cameras)
 }
 
 #[test]
 fn a_loss_that_the_cameras_do_not_see_is_told() {
-    let (scene, cameras) = desks();
+    let (scene, cameras) = clusters();
     let kept = scene.select(&(0..scene.len() / 2).collect::<Vec<_>>());
     let loss = estimate_loss(&scene, &kept, Some(&cameras));
     let [at_cameras, around] = [loss.at_cameras, loss.around].map(|l| l.unwrap().psnr);

@@ -6,7 +6,6 @@
 //! A crate uses it as a dev-dependency. Integration tests and benches of `gs-model` may use it
 //! too; unit tests inside `gs-model` may not, because they would see two versions of `Scene`.
 
-mod desk;
 mod real;
 mod rng;
 mod room;
@@ -14,7 +13,6 @@ mod scenes;
 #[cfg(feature = "wgsl")]
 pub mod wgsl;
 
-pub use desk::{desk, desk_cameras};
 pub use real::{fixture, leica, shared};
 pub use rng::Rng;
 pub use room::copy_room;
