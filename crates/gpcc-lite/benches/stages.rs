@@ -8,8 +8,7 @@ use std::hint::black_box;
 use criterion::{Criterion, criterion_group, criterion_main};
 use gpcc_lite::attribute::{self, Quantisation};
 use gpcc_lite::coder::{RansDecoder, RansEncoder};
-use gpcc_lite::predict::{Lifting, Neighbours, decode_lossless, encode_lifting, encode_lossless};
-use gpcc_lite::quant::Step;
+use gpcc_lite::predict::{Neighbours, decode_lossless, encode_lossless};
 use gpcc_lite::raht::{RahtPlan, Rows, forward, inverse};
 use gpcc_lite::{Leaf, Limits, Octree, geometry, morton, rlgr};
 
@@ -118,10 +117,6 @@ fn tools(g: &mut Group<'_>, tree: &Octree, channels: &[Vec<i32>]) {
     let lossless = encode_lossless(&near, &refs).expect("valid channels");
     g.bench_function("lossless encode", |b| b.iter(|| encode_lossless(&near, &refs)));
     g.bench_function("lossless decode", |b| b.iter(|| decode_lossless(&near, &lossless, 3)));
-    let coarser = Neighbours::coarser(tree);
-    let lift = Lifting::new(&coarser);
-    let steps = [Step::from_qp(22); 3];
-    g.bench_function("lifting encode", |b| b.iter(|| encode_lifting(&lift, &refs, &steps)));
 }
 
 criterion_group!(benches, stages);

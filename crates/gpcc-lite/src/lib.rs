@@ -1,15 +1,14 @@
 //! Geometry and attribute coding of voxelized point clouds.
 //!
 //! The crate knows voxels, and numbers per voxel; what they mean is the caller's business. It
-//! follows the tools of MPEG's G-PCC (octree, RAHT, predicting and lifting transforms) with entropy
+//! follows the tools of MPEG's G-PCC (octree, RAHT, predicting transform) with entropy
 //! coding of its own. Its streams are not those of G-PCC; `docs/format.md` of the repository
 //! describes them.
 //!
 //! * [`geometry`]: leaves of a pruned octree, each with a depth of its own, lossless.
 //! * [`raht`]: the region-adaptive hierarchical transform, one list of merges for all channels.
 //! * [`attribute`]: RAHT, quantisation and entropy coding of a group of channels in one call.
-//! * [`predict`]: lossless integers by prediction from the nearest coded neighbours, and lossy
-//!   lifting.
+//! * [`predict`]: lossless integers by prediction from the nearest coded neighbours.
 //! * [`coder`], [`model`], [`mix`]: the entropy coder and its models.
 //! * [`rlgr`]: adaptive run-length and Golomb-Rice coding, the entropy coder of the paper.
 //!
@@ -53,7 +52,6 @@ pub mod model;
 pub mod morton;
 mod octree;
 pub mod predict;
-pub mod quant;
 pub mod raht;
 pub mod rlgr;
 mod symbols;

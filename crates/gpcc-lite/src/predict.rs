@@ -2,15 +2,12 @@
 //!
 //! [`Neighbours`] orders the points coarse to fine and finds, once for all channels, the nearest
 //! points before each one in that order. [`encode_lossless`] predicts every value of an
-//! integer channel of any width from them and codes the residual; [`Lifting`] is the lossy
-//! transform on the same levels of detail.
+//! integer channel of any width from them and codes the residual.
 
-mod lifting;
 mod lossless;
 mod neighbours;
 mod palette;
 mod residual;
 
-pub use lifting::{Lifting, decode_lifting, encode_lifting};
 pub use lossless::{decode_lossless, encode_lossless};
 pub use neighbours::{MAX_NEIGHBOURS, Neighbours};

@@ -5,10 +5,7 @@ mod common;
 use common::{channel, rows_of};
 use gpcc_lite::attribute::{self, Quantisation};
 use gpcc_lite::coder::{Coder, RansDecoder, RansEncoder};
-use gpcc_lite::predict::{
-    Lifting, Neighbours, decode_lifting, decode_lossless, encode_lifting, encode_lossless,
-};
-use gpcc_lite::quant::Step;
+use gpcc_lite::predict::{Neighbours, decode_lossless, encode_lossless};
 use gpcc_lite::raht::{RahtPlan, Rows};
 use gpcc_lite::{Cube, Error, Leaf, Limits, Octree, geometry, rlgr};
 use proptest::prelude::*;
@@ -77,17 +74,12 @@ fn attributes() {
 }
 
 #[test]
-fn lossless_lifting_and_rlgr() {
+fn lossless_and_rlgr() {
     let tree = tree();
     let near = Neighbours::new(&tree);
-    let coarser = Neighbours::coarser(&tree);
-    let lift = Lifting::new(&coarser);
     for kind in 0..4 {
         let c = channel(tree.len(), 3, kind);
         damage(&encode_lossless(&near, &[&c]).unwrap(), |b| drop(decode_lossless(&near, b, 1)));
-        damage(&encode_lifting(&lift, &[&c], &[Step::from_qp(10)]).unwrap(), |b| {
-            drop(decode_lifting(&lift, b, 1));
-        });
         damage(&rlgr::encode(&c), |b| drop(rlgr::decode(b, c.len())));
     }
 }

@@ -1,9 +1,9 @@
-//! Slow forms of RLGR, lifting and the neighbour search, compared with the fast ones.
+//! Slow forms of RLGR and the neighbour search, compared with the fast ones.
 
 mod common;
 
-use common::{any_octree, channel};
-use gpcc_lite::predict::{Lifting, MAX_NEIGHBOURS, Neighbours};
+use common::any_octree;
+use gpcc_lite::predict::{MAX_NEIGHBOURS, Neighbours};
 use gpcc_lite::{morton, rlgr};
 use proptest::prelude::*;
 
@@ -61,52 +61,8 @@ fn rlgr_bits(values: &[i32]) -> Vec<u8> {
     bits.chunks(8).map(byte).collect()
 }
 
-/// Lifting in real numbers: fine to coarse, each point becomes its difference from its three nearest in coarser levels,
-/// weighted by inverse distance, and these move by the mean of the differences that they predict.
-fn lifting(near: &Neighbours, values: &mut [f64]) {
-    let weights = |at: usize| {
-        let (index, distance) = near.of(at);
-        // In integers, so that the farthest weigh something too.
-        let inverse = |&d: &u32| ((1u64 << 32) / (u64::from(d) + 1) + 1) as f64;
-        let sum: f64 = distance.iter().take(3).map(inverse).sum();
-        let of = |(&j, d): (&u32, &u32)| (j as usize, inverse(d) / sum);
-        index.iter().zip(distance).take(3).map(of).collect::<Vec<_>>()
-    };
-    let mut influence = vec![1.0; near.len()];
-    for at in (0..near.len()).rev() {
-        let own = influence[near.order()[at] as usize];
-        weights(at).iter().for_each(|&(j, w)| influence[j] += own * w);
-    }
-    for level in near.levels().windows(2).skip(1).rev() {
-        let (mut sums, mut totals) = (vec![0.0; near.len()], influence.clone());
-        for at in level[0] as usize..level[1] as usize {
-            let i = near.order()[at] as usize;
-            values[i] -= weights(at).iter().map(|&(j, w)| w * values[j]).sum::<f64>();
-            for (j, w) in weights(at) {
-                sums[j] += w * influence[i] * values[i];
-                totals[j] += w * influence[i];
-            }
-        }
-        (0..near.len()).for_each(|j| values[j] += sums[j] / totals[j]);
-    }
-}
-
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(100))]
-
-    /// Weights are multiples of 1/4096.
-    #[test]
-    fn lifting_agrees_with_real_numbers(tree in any_octree(), seed: u64) {
-        let near = Neighbours::coarser(&tree);
-        let values = channel(tree.len(), seed, 1);
-        let mut got: Vec<i64> = values.iter().map(|&v| i64::from(v) << 12).collect();
-        Lifting::new(&near).forward(&mut got).unwrap();
-        let mut want: Vec<f64> = values.iter().map(|&v| f64::from(v)).collect();
-        lifting(&near, &mut want);
-        for (got, want) in got.iter().zip(&want) {
-            prop_assert!((*got as f64 / 4096.0 - want).abs() < 1.0, "{got} {want}");
-        }
-    }
 
     #[test]
     fn rlgr_agrees_bit_by_bit(values in prop::collection::vec(prop_oneof![Just(0i32), Just(0i32), -3i32..3, any::<i32>()], 0..300)) {

@@ -4,7 +4,7 @@ use std::sync::OnceLock;
 
 use gpcc_lite::coder::{Coder, RansDecoder, RansEncoder};
 use gpcc_lite::model::{Bit, Symbols};
-use gpcc_lite::predict::{Lifting, Neighbours, decode_lifting, decode_lossless};
+use gpcc_lite::predict::{Neighbours, decode_lossless};
 use gpcc_lite::raht::{RahtPlan, Rows};
 use gpcc_lite::{Leaf, Limits, Octree, attribute as rows, geometry as octree};
 use gpcc_lite::{morton, rlgr as golomb};
@@ -158,22 +158,14 @@ pub fn rlgr(data: &[u8]) -> bool {
     true
 }
 
-/// Lossless prediction and lifting: which set and which of the two, then the payload.
+/// Lossless prediction: which set, then the payload.
 pub fn predict(data: &[u8]) -> bool {
-    static NEAR: OnceLock<Vec<[Neighbours; 2]>> = OnceLock::new();
-    let near = NEAR.get_or_init(|| {
-        let of = |tree: Octree| [Neighbours::new(&tree), Neighbours::coarser(&tree)];
-        octrees().into_iter().map(of).collect()
-    });
+    static NEAR: OnceLock<Vec<Neighbours>> = OnceLock::new();
+    let near = NEAR.get_or_init(|| octrees().iter().map(Neighbours::new).collect());
     let (byte, bytes) = choice(data);
-    let [all, coarser] = &near[usize::from(byte) % 4];
+    let near = &near[usize::from(byte) % 4];
     let channels = 1 + usize::from(byte / 8) % 7;
-    let values = if byte & 4 == 0 {
-        decode_lossless(all, bytes, channels)
-    } else {
-        decode_lifting(&Lifting::new(coarser), bytes, channels)
-    };
-    let Ok(values) = values else { return false };
-    assert!(values.len() <= channels && values.iter().all(|v| v.len() == all.len()));
+    let Ok(values) = decode_lossless(near, bytes, channels) else { return false };
+    assert!(values.len() <= channels && values.iter().all(|v| v.len() == near.len()));
     true
 }

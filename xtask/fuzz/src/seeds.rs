@@ -1,8 +1,7 @@
 //! Small valid inputs of every target, made by the encoders and writers themselves.
 
 use gpcc_lite::coder::RansEncoder;
-use gpcc_lite::predict::{Lifting, Neighbours, encode_lifting, encode_lossless};
-use gpcc_lite::quant::Step;
+use gpcc_lite::predict::{Neighbours, encode_lossless};
 use gpcc_lite::raht::Rows;
 use gpcc_lite::{Octree, attribute, geometry, rlgr};
 use gs_model::ply;
@@ -416,13 +415,9 @@ fn predicted() -> Vec<Vec<u8>> {
     let mut out = Vec::new();
     for (at, tree) in codec::octrees().iter().enumerate() {
         let near = Neighbours::new(tree);
-        let coarser = Neighbours::coarser(tree);
         for v in [values(tree.len(), 1), (0..tree.len() as i32).map(|i| i % 3 * 1000).collect()] {
             let coded = encode_lossless(&near, &[&v, &v]).expect("encoded");
             out.push(with(at as u8 + 8, &coded));
-            let lift = Lifting::new(&coarser);
-            let coded = encode_lifting(&lift, &[&v], &[Step::from_qp(20)]).expect("encoded");
-            out.push(with(at as u8 + 4, &coded));
         }
     }
     out

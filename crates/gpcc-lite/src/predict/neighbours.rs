@@ -33,17 +33,6 @@ impl Neighbours {
     /// Orders the leaves of an octree and finds each one's neighbours among all that precede it.
     #[must_use]
     pub fn new(tree: &Octree) -> Self {
-        Self::build(tree, true)
-    }
-
-    /// As [`Neighbours::new`], but finds neighbours in coarser levels of detail only, as lifting
-    /// needs them.
-    #[must_use]
-    pub fn coarser(tree: &Octree) -> Self {
-        Self::build(tree, false)
-    }
-
-    fn build(tree: &Octree, same_level: bool) -> Self {
         let leaves = tree.leaves();
         let n = leaves.len();
         let centre = |l: &Leaf| {
@@ -65,10 +54,9 @@ impl Neighbours {
         for level in (0..=coarsest).rev() {
             let stride = 1usize << (STRIDE_LOG2 * level);
             let coarser = (level < coarsest).then_some(stride << STRIDE_LOG2);
-            let before = if same_level { Some(stride) } else { coarser };
             let new = |i: &usize| coarser.is_none_or(|coarser| !i.is_multiple_of(coarser));
             for i in (0..n).step_by(stride).filter(new) {
-                this.search(&position, i, before, coarser);
+                this.search(&position, i, stride, coarser);
             }
             this.levels.push(this.order.len() as u32);
         }
@@ -76,13 +64,7 @@ impl Neighbours {
     }
 
     /// Looks for the neighbours of leaf `i` among multiples of `before` below it, and of `after` from it on.
-    fn search(
-        &mut self,
-        position: &[[i32; 3]],
-        i: usize,
-        before: Option<usize>,
-        after: Option<usize>,
-    ) {
+    fn search(&mut self, position: &[[i32; 3]], i: usize, before: usize, after: Option<usize>) {
         let at = self.order.len();
         self.order.push(i as u32);
         let base = at * MAX_NEIGHBOURS;
@@ -111,7 +93,7 @@ impl Neighbours {
             best_d[slot] = d;
             best_i[slot] = j as u32;
         };
-        if let (Some(before), true) = (before, i > 0) {
+        if i > 0 {
             let last = (i - 1) / before;
             for t in 0..=last.min(BEFORE - 1) {
                 consider((last - t) * before);

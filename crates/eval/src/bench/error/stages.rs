@@ -4,7 +4,6 @@ use anyhow::Result;
 use finetune::{Image, Profile, RenderOptions};
 use gpcc_lite::attribute::{self, Quantisation};
 use gpcc_lite::coder::RansEncoder;
-use gpcc_lite::predict::{Lifting, Neighbours};
 use gpcc_lite::raht::{self, RahtPlan, Rows};
 use gs_model::Scene;
 use nalgebra::{Matrix3, Quaternion, SymmetricEigen, UnitQuaternion, Vector3};
@@ -94,7 +93,7 @@ fn transforms(scene: &Scene, plan: &RahtPlan) -> Result<Family> {
     let mut family = Family::new(
         "Transforms",
         format!(
-            "The {channels} SH channels of {n} voxels, forward and back, one thread for f64 and integers. The error is the greatest, over the greatest value.",
+            "The {channels} SH channels of {n} voxels, forward and back, one thread for f64. The error is the greatest, over the greatest value.",
         ),
         "error",
     );
@@ -125,26 +124,6 @@ fn transforms(scene: &Scene, plan: &RahtPlan) -> Result<Family> {
     let error = most(&|i, c| f64::from(rows.row(i)[c]));
     let buys = "as streams have it";
     family.row("RAHT in f32", seconds, error, &small(error), buys);
-    // As integers of 16 bits.
-    let step = largest / f64::from(i16::MAX);
-    let (exact, seconds) = timed(|| -> Result<bool> {
-        let near = Neighbours::coarser(plan.octree());
-        let lifting = Lifting::new(&near);
-        let mut same = true;
-        for c in 0..channels {
-            let column: Vec<i64> =
-                (0..n).map(|i| (f64::from(value(i, c)) / step).round() as i64).collect();
-            let mut back = column.clone();
-            lifting.forward(&mut back)?;
-            lifting.inverse(&mut back)?;
-            same &= back == column;
-        }
-        Ok(same)
-    });
-    anyhow::ensure!(exact?, "the lifting transform is not exact");
-    let error = 0.5 * step / largest;
-    let buys = "the error is that of 16 bits";
-    family.row("lifting, integers", seconds, error, &small(error), buys);
     Ok(family)
 }
 
