@@ -2,7 +2,7 @@
 #![allow(unused_crate_dependencies, reason = "an integration test of the binary")]
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Command, Output};
 
 use tempfile::TempDir;
@@ -30,28 +30,6 @@ fn refused(scene: &Path, cap: &str) -> String {
     assert_eq!(errors.len(), 1, "{said}");
     assert!(!scene.join("trained.ply").exists());
     errors[0].to_owned()
-}
-
-fn points(scene: &TempDir) -> PathBuf {
-    scene.path().join("sparse/0/points3D.txt")
-}
-
-#[test]
-fn what_cannot_be_trained_from_is_named() {
-    let scene = room();
-    assert!(refused(scene.path(), "10").contains("cap is 10"));
-    assert!(refused(&scene.path().join("nowhere"), "5000").contains("nowhere"));
-
-    fs::write(points(&scene), "# no point\n").unwrap();
-    assert!(refused(scene.path(), "5000").contains("points"));
-    fs::write(points(&scene), "1 0.5 0.5\n").unwrap();
-    assert!(refused(scene.path(), "5000").contains("points3D.txt"));
-    fs::remove_file(points(&scene)).unwrap();
-    assert!(refused(scene.path(), "5000").contains("points3D"));
-
-    let scene = room();
-    fs::remove_dir_all(scene.path().join("images")).unwrap();
-    assert!(refused(scene.path(), "5000").contains("images"));
 }
 
 #[test]
