@@ -125,7 +125,8 @@ impl Model {
         let dir = scenes::root().join("out/rd").join(&self.name);
         let inputs = (cache::hash_file(&gsvx.0)?, cache::hash_file(&self.path)?);
         let cache = Cache::open(&dir.join("stages"), &inputs, false)?;
-        let mut table = Table::new("file | MB | PSNR, dB | SSIM | seconds | CPU | peak MB");
+        let mut table =
+            Table::new("file | MB | PSNR, dB | SSIM | SSIMULACRA2 | seconds | CPU | peak MB");
         for (name, extension, words) in self.files(efforts) {
             println!("{}: {name} ...", self.name);
             let file = dir.join("real-size").with_extension(extension);
@@ -139,8 +140,10 @@ impl Model {
             let (needs, peak) =
                 ([wall, user].map(|s| needed(s, 1)).join(" | "), needed(peak_mb, 0));
             let (mb, db) = (bytes as f64 / 1e6, number(score.psnr_db, 2));
-            let ssim = number(score.ssim, 3);
-            table.row(format!("{name} | {mb:.2} | {db} | {ssim} | {needs} | {peak}"));
+            let (ssim, ssimulacra2) = (number(score.ssim, 3), number(score.ssimulacra2, 1));
+            table.row(format!(
+                "{name} | {mb:.2} | {db} | {ssim} | {ssimulacra2} | {needs} | {peak}"
+            ));
         }
         let compared = match &self.photos {
             Some(Photos { scene, held_out, .. }) => format!(
