@@ -1,6 +1,7 @@
 //! Project tasks: `cargo xtask --help`. A module a task; what they measure is in `eval`.
 
 mod commands;
+mod conformance;
 mod demo;
 mod determinism;
 mod fetch;
@@ -36,6 +37,8 @@ enum Task {
     Fetch(fetch::FetchArgs),
     /// Train a model from photos and COLMAP's points
     Train(train::TrainArgs),
+    /// Check this build: golden streams, threads, broken streams
+    Conformance(conformance::ConformanceArgs),
     /// Compare streams over threads, builds and processors
     Determinism(determinism::DeterminismArgs),
     /// Forged streams through every border: Rust, C, Python, npm
@@ -74,6 +77,7 @@ fn main() -> ExitCode {
         Task::RdCurve(args) => rd_curve::run(&args),
         Task::Fetch(args) => fetch::run(&args),
         Task::Train(args) => train::run(&args),
+        Task::Conformance(args) => conformance::run(&args),
         Task::Determinism(args) => determinism::run(&args),
         Task::Forged(args) => forged::run(&args),
         Task::Stress(args) => stress::run(&args),

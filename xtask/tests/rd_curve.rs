@@ -98,6 +98,13 @@ fn the_page_of_the_paper_answers_each_claim() {
 }
 
 #[test]
+fn this_build_conforms() {
+    let printed = stdout(&xtask(&["conformance", "--no-gpu", "--broken", "20"]));
+    assert!(printed.lines().filter(|l| l.starts_with("ok ")).count() >= 15, "{printed}");
+    assert!(!printed.contains("FAIL") && printed.contains("0 fail"), "{printed}");
+}
+
+#[test]
 fn bad_input_is_one_line_and_exit_code_1() {
     let dir = tempfile::tempdir().unwrap();
     let cut = dir.path().join("cut");

@@ -24,7 +24,8 @@ pub(crate) struct Cache {
 }
 
 /// SHA-256 of bytes, hexadecimal.
-pub(crate) fn hash_bytes(bytes: &[u8]) -> String {
+#[must_use]
+pub fn hash_bytes(bytes: &[u8]) -> String {
     hex(Sha256::digest(bytes).as_slice())
 }
 

@@ -12,7 +12,7 @@ mod chart;
 mod exact;
 mod manifest;
 pub mod measure;
-mod page;
+pub mod page;
 mod peers;
 mod process;
 pub mod progress;
@@ -24,4 +24,6 @@ pub mod scenes;
 pub mod stress;
 mod study;
 
+pub use cache::hash_bytes;
 pub use process::{gsvx_command, printed};
+pub use scenes::TestScene;

@@ -12,7 +12,7 @@ use crate::scenes;
 /// Rows under a header; the first column is names, the others are numbers. A row is written with `|` between its
 /// cells.
 #[derive(Clone, Debug)]
-pub(crate) struct Table {
+pub struct Table {
     /// Names of the columns.
     pub(crate) header: Vec<String>,
     /// As many cells each.
@@ -41,12 +41,13 @@ fn cells(row: &str) -> Vec<String> {
 
 impl Table {
     /// No rows yet.
-    pub(crate) fn new(header: impl AsRef<str>) -> Self {
+    #[must_use]
+    pub fn new(header: impl AsRef<str>) -> Self {
         Self { header: cells(header.as_ref()), rows: Vec::new() }
     }
 
     /// Adds a row.
-    pub(crate) fn row(&mut self, row: impl AsRef<str>) {
+    pub fn row(&mut self, row: impl AsRef<str>) {
         let row = cells(row.as_ref());
         debug_assert_eq!(row.len(), self.header.len(), "{row:?}");
         self.rows.push(row);
@@ -95,7 +96,7 @@ impl Table {
 }
 
 /// A page in the making.
-pub(crate) struct Page {
+pub struct Page {
     out: PathBuf,
     text: String,
     /// Tables beside the page, with the names of their files.
@@ -106,19 +107,20 @@ pub(crate) struct Page {
 
 impl Page {
     /// A page that goes to `out`, relative to the root of the workspace.
-    pub(crate) fn new(out: &Path, title: &str) -> Self {
+    #[must_use]
+    pub fn new(out: &Path, title: &str) -> Self {
         let out = scenes::root().join(out);
         Self { out, text: format!("# {title}\n\n"), data: Vec::new(), charts: Vec::new() }
     }
 
     /// Adds a paragraph, or a heading with its `##`.
-    pub(crate) fn text(&mut self, text: impl AsRef<str>) {
+    pub fn text(&mut self, text: impl AsRef<str>) {
         self.text += text.as_ref();
         self.text += "\n\n";
     }
 
     /// Adds a table.
-    pub(crate) fn table(&mut self, table: &Table) {
+    pub fn table(&mut self, table: &Table) {
         self.text += &table.markdown();
     }
 
@@ -139,7 +141,10 @@ impl Page {
     }
 
     /// Writes the page, its pictures and its data.
-    pub(crate) fn write(self) -> Result<()> {
+    ///
+    /// # Errors
+    /// If a file cannot be written.
+    pub fn write(self) -> Result<()> {
         if let Some(folder) = self.out.parent() {
             let cannot = || format!("create {}", folder.display());
             std::fs::create_dir_all(folder).with_context(cannot)?;
