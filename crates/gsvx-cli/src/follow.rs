@@ -1,4 +1,4 @@
-//! What a running tune tells, whatever its profile.
+//! What a running tune tells.
 
 use crate::exit::note;
 use crate::progress::Meter;

@@ -7,12 +7,11 @@ use crate::output::is_stdio;
 use crate::progress::Meter;
 use crate::size::number;
 use anyhow::{Result, bail};
-use finetune::{MAX_EDGE, Visibility, doubt_about_share};
+use finetune::{MAX_EDGE, doubt_about_share};
 use gs_model::dataset::{self, CameraSet, HOLD_OUT_EVERY};
 use gs_model::lens::Lens;
 use gs_model::{Camera, Scene, View, pinholes, refuse_wide};
 use serde_json::{Value, json};
-use std::convert::Infallible;
 use std::path::{Path, PathBuf};
 use tune::CameraDoubt;
 
@@ -240,21 +239,6 @@ pub(crate) fn as_pinholes(path: &Path, read: ReadViews) -> Result<PlacedCameras>
             &format!("; importance is measured at {}, evenly chosen", finetune::MOST_CAMERAS);
     }
     Ok(PlacedCameras { cameras, origin: Some(origin) })
-}
-
-/// What the cameras, which `path` names, see of `scene`. Warns if that is little.
-///
-/// # Errors
-/// If they see nothing.
-pub(crate) fn visibility(scene: &Scene, cameras: &[Camera], path: &Path) -> Result<Visibility> {
-    let steps = Meter::new("importance", cameras.len());
-    let Ok(seen) = Visibility::of(scene, cameras, |_| {
-        steps.inc();
-        Ok::<_, Infallible>(())
-    });
-    drop(steps);
-    check(seen.share(scene), path)?;
-    Ok(seen)
 }
 
 /// Warns if the cameras, which `path` names, see little: this share of the opacity.

@@ -116,18 +116,6 @@ fn mistakes_get_one_line() {
 }
 
 #[test]
-fn a_short_finetune_writes_a_stream_that_decodes() {
-    let dir = Folder::new();
-    let (model, room) = (model(), room());
-    let line = "tune --profile paper @ --cameras @ -o @ --steps 20 --backend cpu";
-    let said = ok(line, &[&model, &room, &dir.join("a.gsvx")]);
-    assert!(said.contains("20 steps"), "{said}");
-    ok("decode @ -o @", &[&dir.join("a.gsvx"), &dir.join("b.ply")]);
-    let wrong = run("tune @ --cameras @ -o @", &[&model, &room, &dir.join("x.txt")]);
-    wrong_usage(&wrong, ".gsvx or .ply");
-}
-
-#[test]
 fn pipes_threads_and_json() {
     let dir = Folder::new();
     let (one, two) = (dir.join("1.gsvx"), dir.join("2.gsvx"));

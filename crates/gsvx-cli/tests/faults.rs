@@ -8,7 +8,7 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use common::{Folder, command, heard, model, names, ok, one_line, room, run};
+use common::{Folder, command, heard, model, names, ok, one_line, run};
 
 /// A stream of the room, and the PLY it decodes to.
 fn outputs(dir: &Path) -> (PathBuf, PathBuf) {
@@ -123,20 +123,19 @@ fn a_target_that_cannot_be_written_is_named() {
 #[test]
 fn without_a_gpu_the_finetune_falls_back_or_says_so() {
     let dir = Folder::new();
-    let tune = |more: &str, backend: &str| {
-        let line = format!("tune @ --cameras @ -o @ --backend {backend}{more}");
+    let input = dir.small();
+    let tune = |backend: &str| {
+        let words = "tune @ --orbit 6 --size 64x48 --effort quick -o @ --backend";
         let output = dir.join(format!("{backend}.gsvx"));
         // Where the Vulkan loader looks for drivers, in its old and its new name.
-        command(&line, &[&model(), &room(), &output])
+        command(&format!("{words} {backend}"), &[&input, &output])
             .env("VK_ICD_FILENAMES", "/nonexistent.json")
             .env("VK_DRIVER_FILES", "/nonexistent.json")
             .output()
             .unwrap()
     };
-    let paper = " --profile paper --steps 2";
-    let out = tune(paper, "auto");
+    let out = tune("auto");
     assert!(out.status.success() && heard(&out).contains("backend: cpu"), "{}", heard(&out));
-    one_line(&tune(paper, "gpu"), "adapter");
-    one_line(&tune("", "gpu"), "adapter");
-    assert_eq!(names(&dir), ["auto.gsvx"]);
+    one_line(&tune("gpu"), "adapter");
+    assert_eq!(names(&dir), ["auto.gsvx", "small.ply"]);
 }

@@ -182,17 +182,6 @@ fn cameras_of_enormous_images_are_refused() {
     ok(words, &[&input, &cameras, &out]);
 }
 
-/// `ended: Steps`.
-#[test]
-fn a_finetune_says_in_words_why_it_ended() {
-    let dir = Folder::new();
-    let (input, out) = (dir.small(), dir.join("a.ply"));
-    let room = common::room();
-    let words = "tune @ --profile paper --cameras @ --steps 2 --backend cpu --force-photos -o @";
-    let said = ok(words, &[&input, &room, &out]);
-    assert!(said.contains("all steps are done") && !said.contains("Steps"), "{said}");
-}
-
 #[test]
 fn from_names_the_format_of_a_pipe() {
     let dir = Folder::new();

@@ -218,31 +218,3 @@ fn wrong_values_are_wrong_usage() {
         }
     }
 }
-
-/// `timeout` and service managers send SIGTERM, some to the process and to its
-/// group.
-#[cfg(unix)]
-#[test]
-fn a_terminated_finetune_writes_what_it_has_reached() {
-    use std::process::{Command, Stdio};
-    for signals in [&["-TERM"][..], &["-INT"], &["-TERM", "-TERM"]] {
-        let dir = Folder::new();
-        let output = dir.join("tuned.ply");
-        let (input, checkpoint) = (dir.small(), dir.join("c.ckpt"));
-        let line = "tune --profile paper @ --cameras @ --steps 1000000 --patience 0 --past-input --backend cpu \
-                    --force-photos --checkpoint @ --checkpoint-every 1 -o @";
-        let mut run = command(line, &[&input, &common::room(), &checkpoint, &output]);
-        let mut child = run.stderr(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
-        // A checkpoint shows that the tuning has begun.
-        while !checkpoint.exists() {
-            assert!(child.try_wait().unwrap().is_none(), "ended before it was interrupted");
-            std::thread::sleep(std::time::Duration::from_millis(5));
-        }
-        for signal in signals {
-            Command::new("kill").args([signal, child.id().to_string().as_str()]).status().unwrap();
-        }
-        let out = child.wait_with_output().unwrap();
-        assert!(said(&out).contains("interrupted"), "{signals:?}: {}", heard(&out));
-        assert!(!gs_model::ply::read(&output).unwrap().0.is_empty());
-    }
-}

@@ -7,7 +7,6 @@ pub(crate) mod encode;
 pub(crate) mod info;
 pub(crate) mod join;
 pub(crate) mod lod;
-pub(crate) mod paper_tune;
 pub(crate) mod plan;
 pub(crate) mod render;
 pub(crate) mod sequence;

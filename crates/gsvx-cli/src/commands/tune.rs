@@ -2,7 +2,6 @@
 
 use crate::commands::compare::words;
 use crate::commands::info::parts;
-use crate::commands::paper_tune::{self, PaperArgs, PaperJob};
 use crate::content::quality;
 use crate::exit::{missed, note, usage};
 use crate::follow::{Follower, duration};
@@ -26,8 +25,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use tune::{
-    AgainstInput, FineTuneOptions, Layout, Progress, StopReason, Target, Targets, Tune, TuneEffort,
-    TuneOptions, TuneOutcome,
+    AgainstInput, Layout, Progress, StopReason, Target, Targets, Tune, TuneEffort, TuneOptions,
+    TuneOutcome,
 };
 
 pub(crate) const EXAMPLES: &str = "\
@@ -106,16 +105,10 @@ pub(crate) struct TuneArgs {
     /// Seed of the order of the views.
     #[arg(long, default_value_t = 0, hide_short_help = true)]
     seed: u64,
-    /// Where to compute: cpu, gpu, or auto for a GPU if there is one [default: cpu; auto with --profile paper].
+    /// Where to compute: cpu, gpu, or auto for a GPU if there is one [default: cpu].
     /// Pruning is on the processor. A GPU does not make the same bytes as the processor.
     #[arg(long, value_name = "WHERE", hide_short_help = true)]
     backend: Option<Backend>,
-    /// rate: the codec in the loop, for fewer bytes. paper: attributes only, after voxelization, until
-    /// the photos are matched as well as by the input.
-    #[arg(long, default_value = "rate", value_name = "PROFILE", hide_short_help = true)]
-    profile: Profile,
-    #[command(flatten)]
-    paper: PaperArgs,
     #[command(flatten)]
     orbit: Orbit,
     #[command(flatten)]
@@ -132,12 +125,6 @@ fn efforts() -> impl TypedValueParser<Value = TuneEffort> {
     let values = TuneEffort::ALL.map(|e| PossibleValue::new(e.name()).help(help(e)));
     PossibleValuesParser::new(values)
         .try_map(|name| TuneEffort::named(&name).ok_or_else(|| format!("no effort {name}")))
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-enum Profile {
-    Rate,
-    Paper,
 }
 
 impl TuneArgs {
@@ -184,17 +171,7 @@ impl TuneArgs {
         if ply && self.layout() != Layout::Finest {
             return Err(usage("--lod, --web: a PLY has no coarse level; name the output .gsvx"));
         }
-        if self.profile == Profile::Paper {
-            let other = self.target_bytes.is_some() || self.target_psnr.is_some();
-            if other || !self.qualities.is_empty() {
-                return Err(usage("--profile paper has no target but --quality"));
-            }
-            return Ok(());
-        }
-        match self.paper.given() {
-            Some(flag) => Err(usage(format!("{flag}: only with --profile paper"))),
-            None => Ok(()),
-        }
+        Ok(())
     }
 
     /// What the model is tuned to, and where its cameras are from.
@@ -239,10 +216,7 @@ impl TuneArgs {
 
     /// Where to compute. A note says it, unless the default is used.
     fn backend(&self) -> Result<Backend> {
-        if let (Profile::Rate, None) = (self.profile, self.backend) {
-            return Ok(Backend::Cpu);
-        }
-        let wanted = self.backend.unwrap_or_default();
+        let Some(wanted) = self.backend else { return Ok(Backend::Cpu) };
         // The note comes before the run, so that a user who asked for a GPU learns at once that there is none.
         note(format_args!("backend: {}", finetune::backend::choose(wanted)?.reason));
         Ok(wanted)
@@ -269,34 +243,6 @@ pub(crate) fn run(args: &TuneArgs, report: Reporter) -> Result<()> {
         note(origin.human());
     }
     let distilled = targets.are_renders();
-    let cameras = args.cameras.as_deref().unwrap_or(&args.input);
-    if args.profile == Profile::Paper {
-        let tuning = FineTuneOptions {
-            checkpoint: args.checkpoint.clone(),
-            cancel: Some(Arc::default()),
-            // With auto, a GPU that fails is followed by the processor.
-            backend,
-            ..Default::default()
-        };
-        let quality = args.quality.unwrap_or(gsvx::DEFAULT_QUALITY);
-        let options = args.layout().code();
-        let input = &*args.input;
-        let training = photos::training(&scene, targets);
-        let (_, output) = outputs.remove(0);
-        let job = PaperJob {
-            input,
-            cameras,
-            origin,
-            scene,
-            training,
-            quality,
-            options,
-            tuning,
-            output,
-            ply,
-        };
-        return paper_tune::run(&args.paper, job, report);
-    }
     tuned(args, scene, targets, backend, |outcome| {
         // A run with a target in bytes or dB has one output.
         let at = outputs.iter().position(|(quality, _)| *quality == outcome.quality);
