@@ -85,15 +85,15 @@ impl Nearest {
         }
         let index = self.nodes.len();
         self.nodes.push(Node {
-            low: [[f32::INFINITY; LANES]; 6],
-            high: [[f32::INFINITY; LANES]; 6],
-            child: [u32::MAX; LANES],
+            low: [[0.0; LANES]; 6],
+            high: [[0.0; LANES]; 6],
+            child: [0; LANES],
         });
         let mut parts: Vec<&mut [u32]> = vec![ids];
         while parts.len() < LANES {
             parts = parts.into_iter().flat_map(|p| split_in_two(codewords, p)).collect();
         }
-        for (lane, part) in parts.into_iter().enumerate().filter(|(_, p)| !p.is_empty()) {
+        for (lane, part) in parts.into_iter().enumerate() {
             let [low, high] = bounds_of(codewords, part);
             let child = self.build(codewords, part);
             let node = &mut self.nodes[index];
@@ -148,11 +148,8 @@ impl Nearest {
 #[inline]
 fn least(values: &[f32; LANES]) -> f32 {
     let smaller = |a: f32, b: f32| if b < a { b } else { a };
-    let mut half = [0.0f32; LANES / 2];
-    for lane in 0..LANES / 2 {
-        half[lane] = smaller(values[lane], values[lane + LANES / 2]);
-    }
-    smaller(smaller(half[0], half[2]), smaller(half[1], half[3]))
+    let [a, b, c, d, e, f, g, h] = *values;
+    smaller(smaller(smaller(a, e), smaller(c, g)), smaller(smaller(b, f), smaller(d, h)))
 }
 
 #[inline]
@@ -167,7 +164,7 @@ fn lane_distances(position: &[[f32; LANES]; 6], x: &Feature) -> [f32; LANES] {
     sum
 }
 
-/// Lower bounds of the squared distance to anything in each box; infinite for unused lanes.
+/// The squared distance to each box: a lower bound of that to anything inside.
 #[inline]
 fn box_distances(low: &[[f32; LANES]; 6], high: &[[f32; LANES]; 6], x: &Feature) -> [f32; LANES] {
     let mut sum = [0.0f32; LANES];
@@ -197,12 +194,9 @@ fn bounds_of(points: &[Feature], ids: &[u32]) -> [Feature; 2] {
     bounds(ids.iter().map(|&id| &points[id as usize]))
 }
 
-/// Halves at the median of the widest dimension; equal values are told apart by index, so the
+/// Halves two or more at the median of the widest dimension; equal values are told apart by index, so the
 /// two sets do not depend on the sort's inner workings.
 fn split_in_two<'a>(points: &[Feature], ids: &'a mut [u32]) -> [&'a mut [u32]; 2] {
-    if ids.len() < 2 {
-        return [ids, &mut []];
-    }
     let [low, high] = bounds_of(points, ids);
     let width = |k: usize| high[k] - low[k];
     let widest = (1..6).fold(0, |best, k| if width(k) > width(best) { k } else { best });
@@ -235,6 +229,22 @@ mod tests {
     /// Coordinates on a coarse grid: many exact ties and duplicates.
     fn coarse() -> impl Strategy<Value = Feature> {
         prop::array::uniform6((-3i8..=3).prop_map(|i| f32::from(i) / 3.0))
+    }
+
+    #[test]
+    fn a_bound_is_the_squared_distance_to_the_box() {
+        let (low, high) = ([[-1.0; LANES]; 6], [[1.0; LANES]; 6]);
+        let x = [0.0, -3.0, 4.0, 0.5, 1.0, -1.0];
+        assert_eq!(box_distances(&low, &high, &x), [4.0 + 9.0; LANES]);
+    }
+
+    #[test]
+    fn a_set_is_halved_across_its_widest_dimension() {
+        let point = |i: u8| [f32::from(1 + i % 2), 0.0, f32::from(10 + i), 0.0, 0.0, 0.0];
+        let points: Vec<Feature> = (0..8).map(point).collect();
+        let mut ids = [7, 2, 5, 0, 3, 6, 1, 4];
+        let [low, high] = split_in_two(&points, &mut ids);
+        assert!(low.iter().all(|&id| id < 4) && high.len() == 4, "{low:?} {high:?}");
     }
 
     proptest! {

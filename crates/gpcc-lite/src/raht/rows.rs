@@ -155,3 +155,17 @@ pub(crate) fn split<'a>(
     let (left, right) = lanes.split_at_mut(r);
     (&mut left[l..l + width], &mut right[..width], plan.share[merge])
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn more_rows_take_no_more_memory_than_they_need_and_fewer_keep_it() {
+        let mut rows = Rows::new(10, 4);
+        rows.resize(11, 4);
+        assert_eq!(rows.lanes.capacity(), 11);
+        rows.resize(2, 4);
+        assert_eq!((rows.lanes.len(), rows.lanes.capacity()), (2, 11));
+    }
+}

@@ -32,7 +32,8 @@ pub(super) fn encode(scene: &Scene, octree: &Octree) -> Result<Vec<u8>> {
         out.extend(min.to_le_bytes());
         out.extend(max.to_le_bytes());
         let (min, range) = (f64::from(min), f64::from(max) - f64::from(min));
-        let scale = if range > 0.0 { TOP / range } else { 0.0 };
+        // Floats that differ do so by more than 1e-60.
+        let scale = TOP / range.max(1e-60);
         let integer = |i| ((f64::from(value(i)) - min) * scale).round() as i32;
         channels.push((0..scene.len()).map(integer).collect());
     }
