@@ -14,40 +14,6 @@
 //! and as WGSL. Every float sum has a fixed order, so the result does not depend on the number of
 //! threads or on the scheduling. The conventions are those of Inria's 2023 rasterizer (0.3
 //! pixels of blur, alpha capped at 0.99 and cut at 1/255, stop at a transmittance of 1e-4).
-//!
-//! ```
-//! use finetune::optimiser::SceneOptimiser;
-//! use finetune::{LearningRates, Loss, RenderOptions, Photo, TrainView, ViewGradients, metrics, render};
-//! use gs_model::{Camera, Scene};
-//!
-//! let (eye, up) = ([0.0, 0.0, -2.0], [0.0, -1.0, 0.0]);
-//! let camera = Camera::looking_at("front".into(), eye, [0.0; 3], up, [32, 24], 30.0);
-//! let mut scene = Scene {
-//!     means: vec![[0.0; 3]],
-//!     rotations: vec![[1.0, 0.0, 0.0, 0.0]],
-//!     log_scales: vec![[-1.0, -2.0, -1.5]],
-//!     opacity_logits: vec![2.0],
-//!     sh_degree: 0,
-//!     sh: vec![[1.0, 0.2, -0.5]],
-//!     ..Scene::default()
-//! };
-//! let options = RenderOptions::default();
-//! let input = render(&scene, &camera, &options);
-//!
-//! // Spoil the colour, then let the photo bring it back. The mean stays where it is.
-//! scene.sh[0] = [0.5, 0.5, 0.5];
-//! let before = metrics::psnr(&render(&scene, &camera, &options), &input);
-//! let views = vec![TrainView { camera: camera.clone(), photo: Photo::from(&input) }];
-//! let mut views = ViewGradients::new(views, Loss::L1_SSIM, &options)?;
-//! let mut run = SceneOptimiser::new(scene, LearningRates::default(), 0.0);
-//! for step in 1..=300 {
-//!     let loss = run.step(&mut views, 0, step, 1.0);
-//!     assert!(loss.loss.is_finite());
-//! }
-//! let after = metrics::psnr(&render(run.scene(), &camera, &options), &input);
-//! assert!(after > before + 3.0, "{before} dB, then {after} dB");
-//! # Ok::<(), finetune::Error>(())
-//! ```
 
 #![cfg_attr(docsrs, feature(doc_cfg))]
 
@@ -99,3 +65,8 @@ pub use stages::removal::{Removal, removal};
 pub use train_view::{TrainView, check_cameras, check_views};
 pub use view_gradients::ViewGradients;
 pub use visibility::{MISFIT_CAUSES, Visibility, doubt_about_share};
+
+/// The README's example, compiled and run.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;
