@@ -1,10 +1,11 @@
 //! The frames of a sequence: in a stream, or one model each.
 
 use crate::exit::usage;
-use crate::input::{self, ReadingAny};
+use crate::input::{self, LoadedModel, Reading, ReadingAny};
 use crate::output::is_stdio;
 use crate::stream_file::StreamBytes;
 use anyhow::{Context, Result, ensure};
+use gs_model::ply::TimedModel;
 use gs_model::{Format, Scene};
 use gsvx::Source;
 use gsvx::sequence::{Frames, Sequence, is_sequence};
@@ -38,6 +39,83 @@ pub(crate) fn frames(inputs: &[PathBuf]) -> Result<Vec<PathBuf>> {
         );
     }
     Ok(all)
+}
+
+/// What `gsvx encode` makes a sequence of.
+pub(crate) enum EncodeFrames {
+    /// A model for each frame.
+    Models(Vec<PathBuf>),
+    /// A model that moves, at so many times.
+    Timed { path: PathBuf, model: Box<TimedModel>, count: u32 },
+}
+
+/// A frame to encode.
+pub(crate) struct InputFrame {
+    pub(crate) scene: Scene,
+    /// Which Gaussians are there, where rows are the same Gaussians in all frames.
+    pub(crate) there: Option<Vec<bool>>,
+    /// Bytes of its file.
+    pub(crate) bytes: u64,
+}
+
+impl EncodeFrames {
+    /// Of a model that moves, of which `count` frames are wanted, or of models as [`frames`] finds them.
+    pub(crate) fn open(inputs: &[PathBuf], reading: &Reading, count: Option<u32>) -> Result<Self> {
+        if let [path] = inputs
+            && path.is_file()
+            && let Some(model) = reading.timed(path)?
+        {
+            let name = path.display();
+            let Some(count) = count.or(model.frames).filter(|&count| count > 1) else {
+                return Err(usage(format!(
+                    "{name}: does not say how many frames it has; pass --frames"
+                )));
+            };
+            return Ok(Self::Timed { path: path.clone(), model: Box::new(model), count });
+        }
+        if count.is_some() {
+            return Err(usage("--frames is for one PLY of Gaussians that move by formulas"));
+        }
+        frames(inputs).map(Self::Models)
+    }
+
+    pub(crate) fn len(&self) -> usize {
+        match self {
+            Self::Models(models) => models.len(),
+            Self::Timed { count, .. } => *count as usize,
+        }
+    }
+
+    /// The files.
+    pub(crate) fn paths(&self) -> &[PathBuf] {
+        match self {
+            Self::Models(models) => models,
+            Self::Timed { path, .. } => std::slice::from_ref(path),
+        }
+    }
+
+    /// What a person calls a frame.
+    pub(crate) fn name(&self, number: usize) -> String {
+        match self {
+            Self::Models(models) => input::name(&models[number]),
+            Self::Timed { path, .. } => format!("{}: frame {number}", path.display()),
+        }
+    }
+
+    /// A frame. Says what its file held if `say`.
+    pub(crate) fn frame(&self, number: usize, reading: &Reading, say: bool) -> Result<InputFrame> {
+        match self {
+            Self::Models(models) => {
+                let LoadedModel { scene, bytes, .. } = reading.model(&models[number], say)?;
+                Ok(InputFrame { scene, there: None, bytes })
+            }
+            Self::Timed { path, model, count } => {
+                let (scene, there) = model.frame(number as u32, *count);
+                let bytes = if number == 0 { path.metadata().map_or(0, |m| m.len()) } else { 0 };
+                Ok(InputFrame { scene, there: Some(there), bytes })
+            }
+        }
+    }
 }
 
 /// The last number in the name of a file.

@@ -132,6 +132,11 @@ impl Reading {
         Ok(ply::Parts::open(path, &self.options(None))?)
     }
 
+    /// A model that moves by formulas; `None` of any other.
+    pub(crate) fn timed(&self, path: &Path) -> Result<Option<ply::TimedModel>> {
+        Ok(ply::TimedModel::open(path, &self.options(None))?)
+    }
+
     /// Whether this is a plain file that holds a stream.
     pub(crate) fn is_stream_file(&self, path: &Path) -> Result<bool> {
         let says = self.from.as_deref().is_none_or(|from| from == STREAM);

@@ -174,3 +174,42 @@ fn a_sequence_has_a_size_per_second_and_an_estimate_of_its_loss() {
     let heard = common::heard(&out);
     assert!(out.status.code() == Some(3) && heard.contains("at quality 0"), "{heard}");
 }
+
+#[test]
+fn gaussians_that_move_by_formulas_become_a_sequence() {
+    let dir = Folder::new();
+    let (model, clip) = (dir.join("spacetime.ply"), dir.join("clip.gsvx"));
+    let mut rng = testing::Rng::seeded(2);
+    let width = testing::SPACETIME.split_whitespace().count();
+    // Half of the Gaussians is there throughout and moves along x, half in the first half of the time.
+    let row = |i: usize| {
+        let mut row: Vec<f32> = (0..width).map(|_| rng.range_f32(0.1, 1.0)).collect();
+        (row[3], row[4]) = if i.is_multiple_of(2) { (0.0, 2.0) } else { (0.0, -2.0) };
+        row[8..17].fill(0.0);
+        row[8] = 1.0;
+        row[20] = 3.0;
+        row[21..24].fill(-3.0);
+        row[28..].fill(0.0);
+        row
+    };
+    let rows: Vec<Vec<f32>> = (0..400).map(row).collect();
+    std::fs::write(&model, testing::float_ply("", testing::SPACETIME, &rows)).unwrap();
+    let said = json("encode @ -o @ --fps 20 --frames 10 --group 5 --quality 90", &[&model, &clip]);
+    assert_eq!((&said["frames"], &said["groups"]), (&10.into(), &2.into()));
+    assert!(said["estimated_loss"]["psnr"].as_f64().unwrap() > 30.0, "{said}");
+    ok("decode @ -o @ --frames 0..10", &[&clip, &dir.join("out")]);
+    let frame = |t: usize| read(&dir.join("out").join(format!("frame_{t:04}.ply")));
+    assert!(frame(0).len() > 350 && frame(9).len() <= 200, "{} {}", frame(0).len(), frame(9).len());
+    let mean = |scene: &Scene| {
+        scene.means.iter().map(|m| f64::from(m[0])).sum::<f64>() / scene.len() as f64
+    };
+    let moved = mean(&frame(9)) - mean(&frame(5));
+    assert!((moved - 0.4).abs() < 0.01, "{moved}");
+
+    let encode = |flags: &str, model: &Path| {
+        run(&format!("encode @ -o @ --force --fps 20{flags}"), &[model, &clip])
+    };
+    wrong_usage(&encode("", &model), "pass --frames");
+    wrong_usage(&encode(" --frames 10", &frames(&dir, 3)), "--frames is for");
+    failed(&run("convert @ @", &[&model, &dir.join("a.ply")]), "gsvx encode --fps");
+}

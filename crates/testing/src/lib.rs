@@ -16,4 +16,7 @@ pub mod wgsl;
 pub use real::{fixture, leica, shared};
 pub use rng::Rng;
 pub use room::copy_room;
-pub use scenes::{clustered, marks, sha256, trained_like, with_floaters, with_related_degrees};
+pub use scenes::{
+    SPACETIME, clustered, float_ply, marks, sha256, trained_like, with_floaters,
+    with_related_degrees,
+};

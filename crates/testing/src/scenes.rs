@@ -99,6 +99,23 @@ pub fn marks(scene: &Scene) -> String {
     }
 }
 
+/// A binary PLY of one element `vertex` with these columns, all floats.
+#[must_use]
+pub fn float_ply(comments: &str, columns: &str, rows: &[Vec<f32>]) -> Vec<u8> {
+    let columns = columns.split_whitespace().map(|name| format!("property float {name}\n"));
+    let columns: String = columns.collect();
+    let start =
+        format!("ply\nformat binary_little_endian 1.0\n{comments}element vertex {}\n", rows.len());
+    let mut out = (start + &columns + "end_header\n").into_bytes();
+    out.extend(rows.iter().flatten().flat_map(|v| v.to_le_bytes()));
+    out
+}
+
+/// The columns of a lite model of SpaceTime Gaussians, as its trainer writes them.
+pub const SPACETIME: &str = "x y z trbf_center trbf_scale nx ny nz motion_0 motion_1 motion_2 motion_3 motion_4 \
+    motion_5 motion_6 motion_7 motion_8 f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3 \
+    omega_0 omega_1 omega_2 omega_3";
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -9,7 +9,7 @@ use crate::commands::sequence::{self, Encoding};
 use crate::content::{CONTENT, LARGE, SceneArgs};
 use crate::exit::{missed, note, usage};
 use crate::format::{STREAM, is_stream_name};
-use crate::frame_source;
+use crate::frame_source::EncodeFrames;
 use crate::input::{self, LoadedModel};
 use crate::output::{Output, counted};
 use crate::report::Reporter;
@@ -44,6 +44,7 @@ Examples:
   gsvx encode tiles/*.ply -o city.gsvx --memory 1G             several models as one scene
   gsvx encode frames/ -o clip.gsvx --fps 30                    a sequence
   gsvx encode frames/ -o clip.gsvx --fps 30 --target-bytes 1MB   at most 1 MB per second
+  gsvx encode spacetime.ply -o clip.gsvx --fps 30 --frames 50    Gaussians that move by formulas
   gsvx encode city.plan --part 3/16 -o part-3.gsvx             see gsvx plan
   gsvx encode - -o - < model.ply > scene.gsvx";
 
@@ -119,6 +120,12 @@ pub(crate) struct EncodeArgs {
     #[arg(long, value_name = "FRAMES", requires = "fps", default_value_t = 60, hide_short_help = true,
           value_parser = clap::value_parser!(u16).range(1..=256), help_heading = sequence::HEADING)]
     group: u16,
+    /// With --fps and a PLY of SpaceTime Gaussians (lite) or FreeTimeGS: the number of frames.
+    ///
+    /// Its Gaussians are evaluated at each frame. [default: what the file says]
+    #[arg(long, value_name = "FRAMES", requires = "fps", value_parser = clap::value_parser!(u32).range(2..),
+          hide_short_help = true, help_heading = sequence::HEADING)]
+    frames: Option<u32>,
     /// Encode the K-th of N parts of a plan; the plan stands in the place of the model, and holds all choices.
     #[arg(long, value_name = "K/N", value_parser = join::part, hide_short_help = true,
           conflicts_with_all = ["rate", "lossless", "prune", "depth", "cameras", "lod", "web", "max_sh_degree",
@@ -195,15 +202,16 @@ pub(crate) fn run(args: &EncodeArgs, report: Reporter) -> Result<()> {
     }
     let mut models = inputs.clone();
     if let Some(fps) = args.fps {
-        models = frame_source::frames(inputs)?;
-        if models.len() > 1 {
+        let frames = EncodeFrames::open(inputs, &args.scene.reading, args.frames)?;
+        if frames.len() > 1 {
             let quality = args.scene.content.quality();
             let (group, encode) = (args.group.into(), args.options());
             let options = SequenceOptions { fps, quality, group, encode };
             let (bytes_per_second, estimate) = (args.target_bytes, !args.no_estimate);
             let encoding = Encoding { options, bytes_per_second, estimate };
-            return sequence::encode_frames(&args.scene, &models, &encoding, report);
+            return sequence::encode_frames(&args.scene, &frames, &encoding, report);
         }
+        models = frames.paths().to_vec();
         note(format_args!("note: one frame is no sequence; it becomes a static stream"));
     }
     if let Some(part) = args.part {

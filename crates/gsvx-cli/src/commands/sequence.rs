@@ -3,7 +3,7 @@
 use crate::content::{self, SceneArgs};
 use crate::exit::{missed, note, usage};
 use crate::format;
-use crate::frame_source::evenly;
+use crate::frame_source::{EncodeFrames, InputFrame, evenly};
 use crate::input::{self, Limit, ReadingAny};
 use crate::loss;
 use crate::output::{Output, OutputFolder, counted};
@@ -48,15 +48,25 @@ impl AsRef<[u8]> for Made {
 }
 
 /// Encodes frames at a quality. Says what the first holds if `say`.
-fn made(args: &SceneArgs, frames: &[PathBuf], options: SequenceOptions, say: bool) -> Result<Made> {
+fn made(
+    args: &SceneArgs,
+    frames: &EncodeFrames,
+    options: SequenceOptions,
+    say: bool,
+) -> Result<Made> {
     let mut encoder = SequenceEncoder::new(options)?;
     let mut input_bytes = 0;
     let bar = Meter::new("frames", frames.len());
-    for (i, path) in frames.iter().enumerate() {
-        let mut model = args.reading.model(path, say && i == 0)?;
-        model.scene.cut_sh(options.encode.code.max_sh_degree);
-        input_bytes += model.bytes;
-        encoder.push(model.scene).with_context(|| input::name(path))?;
+    for i in 0..frames.len() {
+        let InputFrame { mut scene, there, bytes } =
+            frames.frame(i, &args.reading, say && i == 0)?;
+        scene.cut_sh(options.encode.code.max_sh_degree);
+        input_bytes += bytes;
+        let pushed = match there {
+            Some(there) => encoder.push_known(scene, &there),
+            None => encoder.push(scene),
+        };
+        pushed.with_context(|| frames.name(i))?;
         bar.inc();
     }
     let bytes = encoder.finish()?;
@@ -67,7 +77,7 @@ fn made(args: &SceneArgs, frames: &[PathBuf], options: SequenceOptions, say: boo
 /// The best sequence of at most so many bytes. All frames are read for each quality that is tried.
 fn searched(
     args: &SceneArgs,
-    frames: &[PathBuf],
+    frames: &EncodeFrames,
     options: SequenceOptions,
     most: u64,
 ) -> Result<SearchResult<Made>> {
@@ -87,12 +97,12 @@ fn searched(
 /// Encodes frames.
 pub(crate) fn encode_frames(
     args: &SceneArgs,
-    frames: &[PathBuf],
+    frames: &EncodeFrames,
     encoding: &Encoding,
     report: Reporter,
 ) -> Result<()> {
     let Encoding { options, bytes_per_second, estimate } = *encoding;
-    let output = Output::open(&args.output, args.force, frames)?;
+    let output = Output::open(&args.output, args.force, frames.paths())?;
     let start = Instant::now();
     let seconds = frames.len() as f64 / f64::from(options.fps);
     let found = match bytes_per_second {
@@ -170,12 +180,17 @@ const ESTIMATED: u32 = 4;
 /// How much less a sequence shows than its frames.
 fn estimated(
     args: &SceneArgs,
-    frames: &[PathBuf],
+    frames: &EncodeFrames,
     sequence: &Sequence,
     bytes: &[u8],
 ) -> Result<LossEstimate> {
     let input = |number: u64| {
-        Ok::<_, anyhow::Error>(args.reading.model(&frames[number as usize], false)?.scene)
+        let InputFrame { mut scene, there, .. } =
+            frames.frame(number as usize, &args.reading, false)?;
+        if let Some(there) = there {
+            scene.keep(&(0..there.len()).filter(|&i| there[i]).collect::<Vec<_>>());
+        }
+        Ok::<_, anyhow::Error>(scene)
     };
     let first = input(0)?;
     let cameras = framing::around(&first, ESTIMATED);

@@ -172,7 +172,7 @@ fn fill(mut rows: SceneMut<'_>, part: &[u8], stride: usize, get: impl Fn(&[u8], 
 /// The number of type `scalar` at offset `at`. It is exact: `f64` holds every value of every PLY
 /// type.
 #[inline]
-fn number(bytes: &[u8], at: usize, scalar: Scalar, big_endian: bool) -> f64 {
+pub(super) fn number(bytes: &[u8], at: usize, scalar: Scalar, big_endian: bool) -> f64 {
     macro_rules! read {
         ($t:ty) => {
             if big_endian {

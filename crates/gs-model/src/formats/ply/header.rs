@@ -123,6 +123,13 @@ impl PlyElement {
         Error::truncated(file, len, missing)
     }
 
+    /// Whether its Gaussians move in time: see [`super::TimedModel`].
+    pub(super) fn moves(&self) -> bool {
+        self.properties
+            .iter()
+            .any(|p| ["trbf_center", "trbf_scale", "log_duration"].contains(&&*p.name))
+    }
+
     pub(super) fn has_list(&self) -> bool {
         self.properties.iter().any(|p| p.list.is_some())
     }

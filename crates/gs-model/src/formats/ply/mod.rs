@@ -18,6 +18,7 @@ pub(crate) mod compressed;
 mod header;
 mod origin;
 mod stream;
+mod timed;
 mod variants;
 mod write;
 
@@ -25,6 +26,7 @@ use std::path::Path;
 
 pub use header::MAX_HEADER_BYTES;
 pub use stream::Parts;
+pub use timed::TimedModel;
 pub use write::{header, row_bytes, rows, write, write_rows_to, write_to};
 
 use columns::Columns;
@@ -80,6 +82,8 @@ pub fn read_bytes(bytes: &[u8]) -> Result<(Scene, Report)> {
     FORMAT.read("<bytes>", bytes, &ReadOptions::default())
 }
 
+const MOVES: &str = "a model that moves (SpaceTime Gaussians or FreeTimeGS); gsvx encode --fps makes a sequence of it";
+
 fn read_file(file: &Path, bytes: &[u8]) -> Result<(Scene, Report)> {
     let header = header::parse(file, bytes)?;
     let Some(vertex_at) = header.elements.iter().position(|e| e.name == "vertex") else {
@@ -95,6 +99,9 @@ fn read_file(file: &Path, bytes: &[u8]) -> Result<(Scene, Report)> {
             "header",
             "a compressed.ply, which this build does not read",
         ));
+    }
+    if vertex.moves() {
+        return Err(foreign::is(file, MOVES));
     }
     let (before, after) = (&header.elements[..vertex_at], &header.elements[vertex_at + 1..]);
     let mut columns = Columns::of(file, vertex).map_err(|error| {

@@ -132,7 +132,7 @@ impl Body {
         file.read_exact(&mut part).map_err(io)?;
         let Ok(header) = header::parse(path, &part) else { return Ok(None) };
         let [vertex] = &header.elements[..] else { return Ok(None) };
-        if header.encoding == Encoding::Ascii || vertex.name != "vertex" {
+        if header.encoding == Encoding::Ascii || vertex.name != "vertex" || vertex.moves() {
             return Ok(None);
         }
         let mut columns = Columns::of(path, vertex)?;

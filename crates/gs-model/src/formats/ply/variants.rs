@@ -120,7 +120,7 @@ fn smoothed(log_scale: f32, filter: f32) -> f32 {
 }
 
 /// The logit of an opacity that is multiplied by `exp(log_factor)`, at most 1.
-fn dimmed(logit: f32, log_factor: f64) -> f32 {
+pub(super) fn dimmed(logit: f32, log_factor: f64) -> f32 {
     // o = f / (1 + exp(-l)), so o / (1 - o) = f / (1 - f + exp(-l)).
     let rest = -libm::expm1(log_factor.min(0.0)) + libm::exp(-f64::from(logit));
     (log_factor - libm::log(rest)) as f32

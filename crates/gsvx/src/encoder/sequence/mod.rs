@@ -84,7 +84,33 @@ impl SequenceEncoder {
     ///
     /// # Errors
     /// As [`crate::encode`].
-    pub fn push(&mut self, mut frame: Scene) -> Result<()> {
+    pub fn push(&mut self, frame: Scene) -> Result<()> {
+        let frame = self.checked(frame)?;
+        if let Some(frame) = self.tracks.push(frame) {
+            self.close()?;
+            // The first frame of a group is always taken.
+            self.tracks.push(frame);
+        }
+        Ok(())
+    }
+
+    /// Adds a frame whose rows are the same Gaussians in all frames. `there` says which of them the frame has.
+    ///
+    /// # Errors
+    /// As [`crate::encode`]; [`Error::Option`] if the number of rows is not that of `there` and of the frames before.
+    pub fn push_known(&mut self, frame: Scene, there: &[bool]) -> Result<()> {
+        let frame = self.checked(frame)?;
+        let before = self.tracks.rows().unwrap_or(there.len());
+        if frame.len() != there.len() || before != there.len() {
+            let (option, range) = ("rows of a frame", "as many as in the frames before");
+            return Err(Error::Option { option, value: frame.len() as f64, range });
+        }
+        self.tracks.push_known(frame, there);
+        Ok(())
+    }
+
+    /// A frame like those before. Begins a group if the last is full.
+    fn checked(&mut self, mut frame: Scene) -> Result<Scene> {
         check(&frame, 0)?;
         let (origin, expected) = *self.like.get_or_insert((frame.origin, frame.sh_degree));
         if frame.sh_degree != expected {
@@ -96,12 +122,7 @@ impl SequenceEncoder {
         if self.tracks.len() == self.options.group {
             self.close()?;
         }
-        if let Some(frame) = self.tracks.push(frame) {
-            self.close()?;
-            // The first frame of a group is always taken.
-            self.tracks.push(frame);
-        }
-        Ok(())
+        Ok(frame)
     }
 
     /// Encodes the frames that have come as a group.

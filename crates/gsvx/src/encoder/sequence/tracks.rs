@@ -65,6 +65,11 @@ impl Tracks {
         self.frames.len()
     }
 
+    /// Rows of the frames so far; none without frames.
+    pub(super) fn rows(&self) -> Option<usize> {
+        (self.len() > 0).then_some(self.rows.len())
+    }
+
     /// Adds a frame. One that does not go on from those before is given back.
     pub(super) fn push(&mut self, frame: Scene) -> Option<Scene> {
         let time = self.frames.len();
@@ -87,6 +92,17 @@ impl Tracks {
         }
         self.frames.push(frame);
         None
+    }
+
+    /// Adds a frame whose rows are the Gaussians of those before, of which some are not there.
+    pub(super) fn push_known(&mut self, frame: Scene, there: &[bool]) {
+        let time = self.frames.len();
+        self.rows.resize(there.len(), vec![NONE; time]);
+        self.last.resize(there.len(), time);
+        for (row, (rows, there)) in (0..).zip(self.rows.iter_mut().zip(there)) {
+            rows.push(if *there { row } else { NONE });
+        }
+        self.frames.push(frame);
     }
 
     /// A track that begins at a time.
@@ -175,7 +191,8 @@ impl Tracks {
     /// The frames with a Gaussian for each track, and whether it is there, track by track; nothing if all always are. One
     /// that is not is as it was last, or will be first.
     pub(super) fn into_frames(self) -> (Vec<Scene>, Vec<bool>) {
-        let Self { frames, rows, .. } = self;
+        let Self { frames, mut rows, .. } = self;
+        rows.retain(|rows| rows.iter().any(|&row| row != NONE));
         let alive: Vec<bool> = rows.iter().flatten().map(|&row| row != NONE).collect();
         if !alive.contains(&false)
             && rows.iter().enumerate().all(|(i, r)| r.iter().all(|&r| r as usize == i))
