@@ -154,7 +154,7 @@ pub fn barycenter(gaussians: &[Gaussian], weights: &[f64]) -> Barycenter {
     let mean: Vector3<f64> = gaussians.iter().enumerate().map(|(i, g)| g.mean * share(i)).sum();
     // Work at the scale of the greatest covariance.
     let scale = gaussians.iter().map(|g| g.covariance.amax()).fold(0.0, f64::max);
-    if gaussians.is_empty() || !(scale > 0.0 && scale.is_finite()) {
+    if !(scale > 0.0 && scale.is_finite()) {
         let gaussian = Gaussian { mean, covariance: Matrix3::zeros() };
         return Barycenter { gaussian, iterations: 0, residual: 0.0 };
     }

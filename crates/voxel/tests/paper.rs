@@ -162,3 +162,15 @@ fn the_initialisation_averages_and_takes_the_covariance_of_the_largest() {
     }
     assert!(shared > 20, "{shared} leaves of three or more");
 }
+
+#[test]
+fn of_equally_large_gaussians_the_first_of_a_voxel_gives_the_covariance() {
+    let mut scene = clustered(200, 0);
+    scene.log_scales.fill([-3.0; 3]);
+    let voxels = voxelize(&scene, &cube(&scene), &Strategy::Uniform { depth: 1 }).unwrap();
+    let merged = merge(&scene, &voxels, Merge::Paper).unwrap();
+    for leaf in 0..voxels.len() {
+        let first = voxels.members_of(leaf)[0] as usize;
+        assert_eq!(merged.rotations[leaf], scene.rotations[first]);
+    }
+}
