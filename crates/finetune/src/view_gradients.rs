@@ -68,6 +68,12 @@ impl PreparedView {
         })
     }
 
+    /// The planes, a byte per value.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn bytes(&self) -> &[u8] {
+        &self.planes
+    }
+
     /// Puts the planes into `out`.
     pub(crate) fn planes(&self, out: &mut Vec<f32>) {
         out.clear();

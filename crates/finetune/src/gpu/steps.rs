@@ -26,6 +26,17 @@ struct DeviceView {
 }
 
 impl Workspace {
+    /// The planes of a photo, a byte per value.
+    pub(crate) fn photo(&self, planes: &[u8]) -> Result<wgpu::Buffer> {
+        let mut words = planes.to_vec();
+        words.resize(planes.len().next_multiple_of(4), 0);
+        let photo = self.storage("photo", words.len() / 4)?;
+        self.context.queue.write_buffer(&photo, 0, &words);
+        // What is written waits in memory of the host until something is submitted.
+        self.context.queue.submit([]);
+        Ok(photo)
+    }
+
     /// Bind groups of the stage `loss`, by channel.
     pub(crate) fn bind_photo(&self, photo: &wgpu::Buffer) -> Vec<wgpu::BindGroup> {
         let of = |channel| {
@@ -38,9 +49,8 @@ impl Workspace {
 
 impl DeviceView {
     /// A view with the planes of its photo.
-    fn new(workspace: &Workspace, view: &RenderView, planes: &[f32]) -> Result<Self> {
-        let photo = workspace.storage("photo", planes.len())?;
-        workspace.context.queue.write_buffer(&photo, 0, bytemuck::cast_slice(planes));
+    fn new(workspace: &Workspace, view: &RenderView, planes: &[u8]) -> Result<Self> {
+        let photo = workspace.photo(planes)?;
         let groups = workspace.bind_photo(&photo);
         let view = StepUniform::of_view(view);
         if let Some(limit) = workspace.context.loop_limit {
@@ -102,11 +112,7 @@ impl DeviceSteps {
     ) -> Result<Self> {
         let sizes = sizes(&context, scene, views, program);
         let workspace = Workspace::new(context, sizes, program)?;
-        let mut planes = Vec::new();
-        let one = |prepared: &PreparedView| {
-            prepared.planes(&mut planes);
-            DeviceView::new(&workspace, &prepared.view, &planes)
-        };
+        let one = |v: &PreparedView| DeviceView::new(&workspace, &v.view, v.bytes());
         let views = views.iter().map(one).collect::<Result<_>>()?;
         workspace.context.check()?;
         let base = StepUniform::of_scene(scene, loss);

@@ -84,7 +84,7 @@ struct Pair {
     view: RenderView,
     cpu: Backward<FROZEN>,
     loss: ViewLoss,
-    photo: Vec<f32>,
+    photo: Vec<u8>,
     gpu: Workspace,
     u: StepUniform,
 }
@@ -100,9 +100,9 @@ fn pair_of(scene: Scene, [width, height]: [u32; 2], loss: Loss) -> Option<Pair> 
     let n = scene.len();
     let options = RenderOptions { background: BACKGROUND, ..Default::default() };
     let view = RenderView::new(&camera(width, height), &options);
-    let photo = planes_of(&photo(width, height).image().rgb);
+    let photo = photo(width, height);
     let mut cpu = Backward::<FROZEN>::default();
-    let value = cpu.run(&scene, &view, &photo, loss);
+    let value = cpu.run(&scene, &view, &planes_of(&photo.image().rgb), loss);
     let sizes = Sizes {
         pages: vec![n],
         splats: n,
@@ -118,6 +118,7 @@ fn pair_of(scene: Scene, [width, height]: [u32; 2], loss: Loss) -> Option<Pair> 
     let mut u = StepUniform::of_view(&view).merge(&StepUniform::of_scene(&scene, loss));
     u.step = 1;
     (u.capacity, u.most_splats) = (gpu.sizes.capacity as u32, n as u32);
+    let photo = planes_of(&photo.rgb);
     Some(Pair { scene, view, cpu, loss: value, photo, gpu, u })
 }
 
@@ -306,8 +307,7 @@ fn losses_agree() {
         p.gpu.write("pixels", 0, &flat(&f.tiles));
         // Old values that the stage must overwrite.
         p.gpu.write("gradient", 0, &vec![9.0f32; 768 * p.view.tiles()]);
-        let photo = p.gpu.storage("photo", p.photo.len()).unwrap();
-        p.gpu.context.queue.write_buffer(&photo, 0, bytemuck::cast_slice(&p.photo));
+        let photo = p.gpu.photo(&p.photo).unwrap();
         p.gpu.run(&[GpuStage::Loss], &p.u, &p.gpu.bind_photo(&photo));
         let wanted = flat(&p.cpu.tiles);
         let got: Vec<f32> = p.gpu.read("gradient", 0, wanted.len()).unwrap();

@@ -3,8 +3,8 @@
 // run, so a value is loaded two or three times instead of eleven.
 
 @group(0) @binding(1) var<storage, read> pixels: array<f32>;
-// Three planes of the photo.
-@group(0) @binding(2) var<storage, read> photo: array<f32>;
+// Three planes of the photo, a byte per value.
+@group(0) @binding(2) var<storage, read> photo: array<u32>;
 // Five planes, blurred along the rows: x, y, x^2, y^2, x y. Later three: `partials`, blurred likewise.
 @group(0) @binding(3) var<storage, read_write> moments: array<f32>;
 // Three planes: the partials of SSIM with respect to mean, variance, covariance.
@@ -29,7 +29,8 @@ fn rendered(channel: u32, x: u32, y: u32) -> f32 {
 }
 
 fn target_at(channel: u32, x: u32, y: u32) -> f32 {
-    return photo[channel * u.width * u.height + y * u.width + x];
+    let at = channel * u.width * u.height + y * u.width + x;
+    return f32((photo[at / 4u] >> (8u * (at % 4u))) & 255u) / 255.0;
 }
 
 // Eight consecutive values.
