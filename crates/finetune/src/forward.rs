@@ -51,21 +51,26 @@ impl Forward {
 
     /// The blended tiles as an image, over the background.
     pub(crate) fn image(&self, view: &RenderView) -> Image {
-        let mut image = Image::new(view.width, view.height);
-        let width = view.width as usize;
-        for (y, row) in image.rgb.chunks_exact_mut(3 * width.max(1)).enumerate() {
-            let tiles = &self.tiles[y / LANES * view.tiles_x as usize..];
-            let ly = y % LANES;
-            for (x, rgb) in row.chunks_exact_mut(3).enumerate() {
-                let (tile, lx) = (&tiles[x / LANES], x % LANES);
-                let t = tile.t[ly][lx].abs();
-                rgb[0] = tile.red[ly][lx] + t * view.background[0];
-                rgb[1] = tile.green[ly][lx] + t * view.background[1];
-                rgb[2] = tile.blue[ly][lx] + t * view.background[2];
-            }
-        }
-        image
+        image_of(&self.tiles, view)
     }
+}
+
+/// Blended tiles as an image, over the background.
+pub(crate) fn image_of(tiles: &[TilePixels], view: &RenderView) -> Image {
+    let mut image = Image::new(view.width, view.height);
+    let width = view.width as usize;
+    for (y, row) in image.rgb.chunks_exact_mut(3 * width.max(1)).enumerate() {
+        let tiles = &tiles[y / LANES * view.tiles_x as usize..];
+        let ly = y % LANES;
+        for (x, rgb) in row.chunks_exact_mut(3).enumerate() {
+            let (tile, lx) = (&tiles[x / LANES], x % LANES);
+            let t = tile.t[ly][lx].abs();
+            rgb[0] = tile.red[ly][lx] + t * view.background[0];
+            rgb[1] = tile.green[ly][lx] + t * view.background[1];
+            rgb[2] = tile.blue[ly][lx] + t * view.background[2];
+        }
+    }
+    image
 }
 
 /// Renders `scene` as `camera` sees it. Values are not clamped above 1.

@@ -14,14 +14,18 @@ pub(crate) const DISPATCH_ROW: u32 = 32_768;
 pub(crate) const RADIX_BLOCK: u32 = 1024;
 /// Values that one workgroup of the scan handles.
 pub(crate) const SCAN_BLOCK: u32 = 1024;
-/// Splats whose partial sums `blend_adjoint` keeps in workgroup memory: the most that fit in 16 KiB.
-const RECORD_BATCH: u32 = 16;
+/// Sums of a record of `blend_adjoint`, and of one of `removal`.
+const SUMS: [u32; 2] = [7, 2];
+/// Splats whose partial sums they keep in workgroup memory: the most that fit in 16 KiB, and that a word has bits for.
+const RECORD_BATCH: [u32; 2] = [16, 32];
 /// Blocks of a tile, two columns of four, in `blend` and `blend_adjoint`; four lanes share a block.
 const BLOCKS: u32 = 8;
 /// Lanes of a tile, which are those of a workgroup.
 pub(crate) const TILE_LANES: u32 = 4 * BLOCKS;
-/// Words of the partial sums of `blend_adjoint` in workgroup memory: a row per splat and sum.
-const RECORD_WORDS: u32 = RECORD_BATCH * 7 * (TILE_LANES + 1);
+/// Words of these partial sums: a row per splat and sum.
+const fn record_words(removal: bool) -> u32 {
+    RECORD_BATCH[removal as usize] * SUMS[removal as usize] * (TILE_LANES + 1)
+}
 /// Pixels of a run in the stage `loss`, where a lane handles a run.
 pub(crate) const LOSS_RUN: u32 = 8;
 
@@ -32,6 +36,8 @@ pub struct Shader {
     pub(crate) entries: &'static [&'static str],
     /// Whether the type F of the shared mathematics is `vec4<f32>`.
     vec4: bool,
+    /// Whether its records are those of the stage `removal`.
+    removal: bool,
     parts: &'static [&'static str],
 }
 
@@ -53,6 +59,8 @@ pub const PROJECT_ADJOINT: &str = concat!(
 const BLEND: &str = include_str!("stages/math/blend.wgsl");
 const REACH: &str = include_str!("stages/math/reach.wgsl");
 const BLOCK: &str = include_str!("stages/block.wgsl");
+const RECORDS: &str = include_str!("stages/records.wgsl");
+const GATHER: &str = include_str!("stages/gather.wgsl");
 /// The uniform `u` of a step, and `group_index` of a folded dispatch.
 pub const STEP: &str = include_str!("stages/step.wgsl");
 /// The page that a dispatch works on, `page`. Gaussians of a kernel count from its first.
@@ -91,10 +99,18 @@ pub(crate) const SHADERS: &[Shader] = &[
     Shader::new(
         "blend_adjoint",
         &["blend_adjoint"],
-        &[SCALAR, BLEND, STEP, SPLAT, BLOCK, include_str!("stages/blend_adjoint.wgsl")],
+        &[SCALAR, BLEND, STEP, SPLAT, BLOCK, RECORDS, include_str!("stages/blend_adjoint.wgsl")],
     )
     .vec4(),
-    Shader::new("gather", &["gather"], &[STEP, PAGE, SPLAT, include_str!("stages/gather.wgsl")]),
+    Shader::new("gather", &["gather"], &[STEP, PAGE, SPLAT, GATHER]),
+    Shader::new(
+        "removal",
+        &["removal"],
+        &[SCALAR, BLEND, STEP, SPLAT, BLOCK, RECORDS, include_str!("stages/removal.wgsl")],
+    )
+    .vec4()
+    .removal(),
+    Shader::new("total", &["gather"], &[STEP, PAGE, SPLAT, GATHER]).removal(),
     Shader::new(
         "adam",
         &["adam"],
@@ -110,11 +126,15 @@ impl Shader {
         entries: &'static [&'static str],
         parts: &'static [&'static str],
     ) -> Self {
-        Self { name, entries, vec4: false, parts }
+        Self { name, entries, vec4: false, removal: false, parts }
     }
 
     const fn vec4(self) -> Self {
         Self { vec4: true, ..self }
+    }
+
+    const fn removal(self) -> Self {
+        Self { removal: true, ..self }
     }
 
     /// Its name.
@@ -140,7 +160,12 @@ impl Shader {
             out.push_str(part);
         }
         let taps: Vec<String> = taps().iter().map(|&t| exact(t as f32)).collect();
-        repeat(&out.replace("SSIM_TAPS", &taps.join(", ")))
+        let (sums, of_step) = if self.removal { ("0 1", "") } else { ("0 1 2 3 4 5 6", "once") };
+        repeat(
+            &out.replace("SSIM_TAPS", &taps.join(", "))
+                .replace("EACH_SUM", sums)
+                .replace("OF_STEP", of_step),
+        )
     }
 
     fn constants(&self, out: &mut String) -> std::fmt::Result {
@@ -153,19 +178,20 @@ impl Shader {
             ("DISPATCH_ROW", DISPATCH_ROW),
             ("RADIX_BLOCK", RADIX_BLOCK),
             ("RADIX_PER_LANE", RADIX_BLOCK / 64),
-            ("RECORD_BATCH", RECORD_BATCH),
-            ("RECORD_WORDS", RECORD_WORDS),
+            ("SUMS", SUMS[usize::from(self.removal)]),
+            ("RECORD_BATCH", RECORD_BATCH[usize::from(self.removal)]),
+            ("RECORD_WORDS", record_words(self.removal)),
             ("TILE_LANES", TILE_LANES),
             ("RUN", LOSS_RUN),
             ("CULLED", CULLED),
         ] {
             writeln!(out, "const {name}: u32 = {value}u;")?;
         }
+        writeln!(out, "const TOTALS: bool = {};", self.removal)?;
         for (name, value) in [
             ("T_STOP", T_STOP),
             ("ALPHA_MAX", ALPHA_MAX),
             ("SIGMA_MAX", SIGMA_MAX),
-            ("BLUR", BLUR),
             ("LOG_SCALE_MAX", LOG_SCALE_MAX),
             ("MIN_QUATERNION_NORM2", MIN_QUATERNION_NORM2),
             ("MAX_QUATERNION_NORM2", MAX_QUATERNION_NORM2),
@@ -283,7 +309,9 @@ mod tests {
 
     #[test]
     fn workgroup_memory_stays_within_the_portable_limit() {
-        let adjoint = 4 * (RECORD_WORDS + 2);
-        assert!(adjoint <= 16 * 1024, "{adjoint} bytes");
+        for removal in [false, true] {
+            let bytes = 4 * (record_words(removal) + 2);
+            assert!(bytes <= 16 * 1024, "{bytes} bytes");
+        }
     }
 }

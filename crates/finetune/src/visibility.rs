@@ -179,7 +179,7 @@ impl WeightSums {
 /// The `n`-th view with a part of its pixels, and the pixels that each of them stands for. A smaller camera whose blur is
 /// smaller likewise has at each pixel what the larger one has at one point. The points follow the sequence R2 (Roberts
 /// 2018: multiples of 1/p and 1/p^2, p^3 = p + 1), so that those of one view lie between those of another.
-fn sampled(camera: &Camera, n: u32) -> (RenderView, f32) {
+pub(crate) fn sampled(camera: &Camera, n: u32) -> (RenderView, f32) {
     let whole = camera.within(PIXELS);
     let mut part = whole.within((whole.width * whole.height / ONE_IN).max(LEAST));
     let area = |c: &Camera| c.width as f32 * c.height as f32;

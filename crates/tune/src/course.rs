@@ -88,7 +88,7 @@ impl Course {
     }
 
     /// Prunes to what remains after a round.
-    fn pruned(&mut self, views: &Views, scene: &Scene, round: u64) -> Result<Scene> {
+    fn pruned(&mut self, views: &mut Views, scene: &Scene, round: u64) -> Result<Scene> {
         let effects = match self.effects.take() {
             Some(effects) => effects,
             None => views.removal(scene)?.effects,
@@ -185,7 +185,7 @@ impl Work for Course {
         steering::steer(state, self.goal.target, psnr)
     }
 
-    /// Pruning is on the processor.
+    /// The steps between rounds of pruning are on the processor.
     fn place(&mut self, views: &mut Views) -> Result<()> {
         #[cfg(feature = "gpu")]
         if let Stage::Loop(state) = &mut self.stage {

@@ -207,6 +207,35 @@ mod tests {
         let (a, b) = (views.at_aside(&host.scene).1, views.at_aside(&device.scene).1);
         assert!((a - b).abs() < 0.02, "{a} and {b} dB");
     }
+
+    #[test]
+    fn both_executors_prune_alike() {
+        let Some((_, CodecLoop { scene, .. }, mut views)) = room(3) else { return };
+        let sums =
+            |views: &mut Views| (views.removal(&scene).unwrap(), views.importance(&scene).unwrap());
+        let (by_host, importance) = sums(&mut views);
+        views.summed.adapter = Some(Adapter::Software);
+        let (by_device, also) = sums(&mut views);
+        assert!(by_device.effects != by_host.effects, "the adapter was not asked");
+        let scaled = |v: &[f32]| {
+            let mean = v.iter().filter(|v| **v < f32::MAX).sum::<f32>() / v.len() as f32;
+            v.iter().map(|v| v / mean).collect::<Vec<_>>()
+        };
+        for (name, a, b) in [
+            ("effects", &by_device.effects, &by_host.effects),
+            ("squared weights", &by_device.squared, &by_host.squared),
+            ("importances", &also, &importance),
+        ] {
+            let share = differing(&scaled(a), &scaled(b), 1e-3);
+            println!("{name}: {share}");
+            assert!(share < 0.001, "{name}: {share} of the values differ");
+        }
+        let kept = |effects: &[f32]| gsvx::prune(effects, 0.5).unwrap();
+        let (a, b) = (kept(&by_device.effects), kept(&by_host.effects));
+        let common = a.iter().filter(|i| b.binary_search(i).is_ok()).count();
+        assert!(common as f64 > 0.999 * b.len() as f64, "{common} of {}", b.len());
+    }
+
     /// The same values in chunks of 100 leaves.
     fn in_small_chunks(state: &CodecLoop, views: &Views) -> CodecLoop {
         let LoopLeaves { octree, importance, outliers } = &state.leaves;

@@ -22,6 +22,7 @@ mod runs;
 mod scene_loop;
 mod stage;
 mod steering;
+mod summed;
 mod targets;
 mod trainer;
 mod undistort;

@@ -81,7 +81,8 @@ pub struct TuneOptions {
     /// Leave out what the views do not show, and judge the scene at the views alone: fewer bytes, and good only where
     /// the cameras stand.
     pub drop_unseen: bool,
-    /// Where the steps with the codec in the loop are made. Pruning is on the processor.
+    /// Where the steps with the codec in the loop are made, and the sums that pruning follows. The steps between rounds of pruning
+    /// are on the processor.
     pub backend: Backend,
     /// Seed of the order of the views.
     pub seed: u64,

@@ -47,7 +47,7 @@ pub(crate) fn codec_loop(
     scene: &Scene,
 ) -> Result<Box<CodecLoop>> {
     views.gradients.move_means(false);
-    let (importance, drop_unseen) = (views.importance(scene), views.drop_unseen());
+    let (importance, drop_unseen) = (views.importance(scene)?, views.drop_unseen());
     let Prepared { scene, voxels, importance, outliers } =
         plan::prepare(scene, &importance, plan.quality, drop_unseen)?;
     if scene.is_empty() {

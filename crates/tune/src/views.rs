@@ -10,13 +10,12 @@
 use finetune::framing::{around, nearby};
 use finetune::metrics::Scores;
 use finetune::optimiser::permutation;
-use finetune::{
-    Loss, Photo, Removal, RenderOptions, TrainView, ViewGradients, ViewLoss, Visibility, removal,
-};
+use finetune::{Loss, Photo, Removal, RenderOptions, TrainView, ViewGradients, ViewLoss};
 use gs_model::{Camera, Scene};
 
 use crate::error::{Error, Result};
 use crate::options::TuneOptions;
+use crate::summed::Summed;
 use crate::targets::Targets;
 
 /// One of this many training views is kept aside; with fewer views, none.
@@ -82,6 +81,8 @@ pub(crate) struct Views {
     judged: Option<JudgeViews>,
     seed: u64,
     order: Vec<u32>,
+    /// Of removal effects and importances.
+    pub(crate) summed: Summed,
 }
 
 /// The views, and what they show of the input model.
@@ -146,6 +147,7 @@ impl Views {
             judged: None,
             seed,
             order: Vec::new(),
+            summed: Summed::default(),
         })
     }
 
@@ -170,21 +172,32 @@ impl Views {
         let (mut done, all) = (0, cameras.len() + nearby.len());
         let mut one_more = || {
             done += 1;
-            seen(done, all);
+            seen(done.min(all), all);
         };
-        let mut psnr = Vec::with_capacity(cameras.len());
-        let at_views = removal(scene, &cameras, |image| {
-            if renders {
-                photos.push(Photo::from(&image));
-            }
-            psnr.push(photos[psnr.len()].psnr_of(&image));
-            one_more();
-        });
+        let mut summed = Summed::on(options.backend)?;
+        let mut psnr = vec![0.0; cameras.len()];
+        let at_views = summed.removal(
+            scene,
+            &cameras,
+            Some(&mut |i, image| {
+                if renders {
+                    photos.truncate(i);
+                    photos.push(Photo::from(&image));
+                }
+                psnr[i] = photos[i].psnr_of(&image);
+                one_more();
+            }),
+        )?;
         let mut renders_nearby = Vec::with_capacity(nearby.len());
-        let at_nearby = removal(scene, &nearby, |image| {
-            renders_nearby.push(Photo::from(&image));
-            one_more();
-        });
+        let at_nearby = summed.removal(
+            scene,
+            &nearby,
+            Some(&mut |i, image| {
+                renders_nearby.truncate(i);
+                renders_nearby.push(Photo::from(&image));
+                one_more();
+            }),
+        )?;
 
         let views = cameras.iter().cloned().zip(photos);
         let views = views.map(|(camera, photo)| TrainView { camera, photo }).collect();
@@ -197,7 +210,8 @@ impl Views {
         }
         let judged = Some(JudgeViews::of(scene, &aside, &cameras));
         let (seed, order) = (options.seed, Vec::new());
-        let this = Self { cameras, gradients, aside, nearby, share, renders, judged, seed, order };
+        let this =
+            Self { cameras, gradients, aside, nearby, share, renders, judged, seed, order, summed };
         let removal = this.together(at_views, &at_nearby)?;
         let input_scores = this.scores(scene);
         Ok(FirstLook { views: this, removal, input_scores })
@@ -269,16 +283,18 @@ impl Views {
     }
 
     /// The sum of squared blending weights of each Gaussian.
-    pub(crate) fn importance(&self, scene: &Scene) -> Vec<f32> {
-        let mut sum = Visibility::of_all(scene, &self.cameras).squared;
-        self.add_nearby(&mut sum, &Visibility::of_all(scene, &self.nearby).squared);
-        sum
+    pub(crate) fn importance(&mut self, scene: &Scene) -> Result<Vec<f32>> {
+        let mut sum = self.summed.squared_weights(scene, &self.cameras)?;
+        let near = self.summed.squared_weights(scene, &self.nearby)?;
+        self.add_nearby(&mut sum, &near);
+        Ok(sum)
     }
 
     /// The removal effects of all Gaussians.
-    pub(crate) fn removal(&self, scene: &Scene) -> Result<Removal> {
-        let at = |cameras: &[Camera]| removal(scene, cameras, drop);
-        self.together(at(&self.cameras), &at(&self.nearby))
+    pub(crate) fn removal(&mut self, scene: &Scene) -> Result<Removal> {
+        let all = self.summed.removal(scene, &self.cameras, None)?;
+        let near = self.summed.removal(scene, &self.nearby, None)?;
+        self.together(all, &near)
     }
 
     /// The removal effects in all views. The effect is the greatest number for a Gaussian that no view sees, as nothing

@@ -11,6 +11,7 @@ mod loops;
 mod passes;
 mod pipelines;
 pub(crate) mod program;
+mod removal;
 pub(crate) mod sizes;
 mod start;
 mod steps;

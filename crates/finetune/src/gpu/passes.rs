@@ -23,6 +23,10 @@ pub(crate) enum GpuStage {
     Loss,
     BlendAdjoint,
     Gather,
+    /// What leaving out each Gaussian changes in the view.
+    Removal,
+    /// Adds it to that of the views before.
+    Total,
     Adam,
     /// Kernels of another crate, which make the scene.
     Before,
@@ -40,31 +44,46 @@ pub(crate) const LISTS: [GpuStage; 6] = [
     GpuStage::Ranges,
 ];
 
-/// The stages of a step before and after those of its bands.
+/// The stages of a step beside the forward pass.
 #[derive(Debug)]
-pub(crate) struct Ends(&'static [GpuStage], GpuStage);
+pub(crate) struct Ends {
+    before: &'static [GpuStage],
+    /// Of the blended view.
+    view: &'static [GpuStage],
+    /// Of each band after that.
+    bands: &'static [GpuStage],
+    after: &'static [GpuStage],
+}
 
 /// A step of Adam.
-pub(crate) static STEP: Ends = Ends(&[], GpuStage::Adam);
+pub(crate) static STEP: Ends = Ends {
+    before: &[],
+    view: &[GpuStage::Loss],
+    bands: &[GpuStage::BlendAdjoint, GpuStage::Gather],
+    after: &[GpuStage::Adam],
+};
 /// A step with kernels of another crate, which move the parameters. The scene is that of the step before.
-pub(crate) static KERNEL_STEP: Ends = Ends(&[], GpuStage::After);
+pub(crate) static KERNEL_STEP: Ends = Ends { after: &[GpuStage::After], ..STEP };
 /// Such a step, in which they make the scene.
-pub(crate) static MAKING_STEP: Ends = Ends(&[GpuStage::Before], GpuStage::After);
+pub(crate) static MAKING_STEP: Ends = Ends { before: &[GpuStage::Before], ..KERNEL_STEP };
+/// What leaving out each Gaussian changes in a view. Nothing moves.
+pub(crate) static REMOVAL: Ends =
+    Ends { view: &[], bands: &[GpuStage::Removal, GpuStage::Total], after: &[], ..STEP };
 
 impl Ends {
     /// All stages of a step at a view of so many bands: what is done in each band, one after the other. The lists of a
     /// band take the place of those of the band before, so the adjoint makes them again if there are several.
     pub(crate) fn plan(&self, bands: u32) -> Vec<(u32, Vec<GpuStage>)> {
-        let mut plan = vec![(0, self.0.to_vec())];
+        let mut plan = vec![(0, self.before.to_vec())];
         let mut add = |band: u32, stages: &[GpuStage]| match plan.last_mut() {
             Some(last) if last.0 == band => last.1.extend(stages),
             _ => plan.push((band, [&LISTS[..], stages].concat())),
         };
         add(0, &LISTS);
         (0..bands).for_each(|band| add(band, &[GpuStage::Blend]));
-        add(bands - 1, &[GpuStage::Loss]);
-        (0..bands).for_each(|band| add(band, &[GpuStage::BlendAdjoint, GpuStage::Gather]));
-        add(bands - 1, &[self.1]);
+        add(bands - 1, self.view);
+        (0..bands).for_each(|band| add(band, self.bands));
+        add(bands - 1, self.after);
         plan
     }
 }
@@ -145,6 +164,11 @@ impl Workspace {
             GpuStage::Loss => self.loss(pass, u, photo),
             GpuStage::BlendAdjoint => single(pass, "blend_adjoint", band),
             GpuStage::Gather => single(pass, "gather", ranks),
+            GpuStage::Removal => single(pass, "removal", band),
+            GpuStage::Total => {
+                let pages = self.groups("total").iter();
+                pages.for_each(|group| self.dispatch(pass, "total", "gather", group, ranks));
+            }
             GpuStage::Adam => self.of_pages(pass, "adam"),
             GpuStage::Before => self.calls(pass, &self.before),
             GpuStage::After => self.calls(pass, &self.after),

@@ -106,6 +106,7 @@ impl Sizes {
             paged("sh_v", sh, 0),
             paged("page_splats", SPLAT, 0),
             paged("sums", RECORD, 1),
+            paged("totals", 2, 1),
         ]
     }
 

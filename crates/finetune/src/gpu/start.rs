@@ -32,7 +32,7 @@ impl Adapter {
         }
     }
 
-    fn context(self) -> Result<Context> {
+    pub(super) fn context(self) -> Result<Context> {
         match self {
             Self::Hardware => Context::hardware(),
             Self::Software => Context::software(),

@@ -15,10 +15,11 @@ use crate::stages::loss::ViewLoss;
 use crate::stages::project::RenderView;
 use crate::view_gradients::PreparedView;
 
-/// A training view and its photo on the device.
+/// A view on the device.
 struct DeviceView {
     view: StepUniform,
-    photo: wgpu::Buffer,
+    /// That of a training view.
+    photo: Option<wgpu::Buffer>,
     /// Of the stage `loss`, by channel.
     groups: Vec<wgpu::BindGroup>,
     /// Bands of rows of tiles in which it is drawn: as many as its slots and splats need.
@@ -48,10 +49,10 @@ impl Workspace {
 }
 
 impl DeviceView {
-    /// A view with the planes of its photo.
-    fn new(workspace: &Workspace, view: &RenderView, planes: &[u8]) -> Result<Self> {
-        let photo = workspace.photo(planes)?;
-        let groups = workspace.bind_photo(&photo);
+    /// A view with the planes of its photo, if it has one.
+    fn new(workspace: &Workspace, view: &RenderView, planes: Option<&[u8]>) -> Result<Self> {
+        let photo = planes.map(|planes| workspace.photo(planes)).transpose()?;
+        let groups = photo.iter().flat_map(|photo| workspace.bind_photo(photo)).collect();
         let view = StepUniform::of_view(view);
         if let Some(limit) = workspace.context.loop_limit {
             loops::check_view(limit, &view)?;
@@ -112,13 +113,25 @@ impl DeviceSteps {
     ) -> Result<Self> {
         let sizes = sizes(&context, scene, views, program);
         let workspace = Workspace::new(context, sizes, program)?;
-        let one = |v: &PreparedView| DeviceView::new(&workspace, &v.view, v.bytes());
+        let one = |v: &PreparedView| DeviceView::new(&workspace, &v.view, Some(v.bytes()));
         let views = views.iter().map(one).collect::<Result<_>>()?;
         workspace.context.check()?;
         let base = StepUniform::of_scene(scene, loss);
         let this = Self { workspace, views, base, pending: Vec::new(), losses: Vec::new() };
         this.reset();
         Ok(this)
+    }
+
+    /// Adds a view without a photo, and makes room for it.
+    pub(super) fn add_view(&mut self, view: &RenderView) -> Result<usize> {
+        let (tiles, pixels) = (view.tiles(), view.width as usize * view.height as usize);
+        let Sizes { tiles: most_tiles, pixels: most_pixels, .. } = self.workspace.sizes;
+        if tiles > most_tiles || pixels > most_pixels {
+            self.settle()?;
+            self.grow(|s| (s.tiles, s.pixels) = (tiles.max(s.tiles), pixels.max(s.pixels)))?;
+        }
+        self.views.push(DeviceView::new(&self.workspace, view, None)?);
+        Ok(self.views.len() - 1)
     }
 
     /// The number of Gaussians; no step has failed.
@@ -192,16 +205,20 @@ impl DeviceSteps {
         Ok(())
     }
 
+    fn grow(&mut self, change: impl FnOnce(&mut Sizes)) -> Result<()> {
+        self.workspace.grow(change)?;
+        for v in &mut self.views {
+            v.groups = v.photo.iter().flat_map(|p| self.workspace.bind_photo(p)).collect();
+        }
+        Ok(())
+    }
+
     /// Room for a view of which a band needs so many slots and splats: larger buffers, or more bands if no binding
     /// holds them.
     fn make_room(&mut self, view: usize, [slots, splats]: [usize; 2]) -> Result<()> {
         let [most_slots, most_splats] = Sizes::most(self.workspace.context.binding());
         if slots <= most_slots && splats <= most_splats {
-            self.workspace.grow((slots + slots / 4).min(most_slots))?;
-            for v in &mut self.views {
-                v.groups = self.workspace.bind_photo(&v.photo);
-            }
-            return Ok(());
+            return self.grow(|s| s.capacity = (slots + slots / 4).min(most_slots));
         }
         let DeviceView { view: u, bands, .. } = &mut self.views[view];
         if *bands == u.tiles_y {
@@ -217,7 +234,8 @@ impl DeviceSteps {
 
     /// Bytes of all buffers on the device.
     pub(super) fn bytes(&self) -> u64 {
-        self.workspace.bytes() + self.views.iter().map(|v| v.photo.size()).sum::<u64>()
+        self.workspace.bytes()
+            + self.views.iter().flat_map(|v| &v.photo).map(wgpu::Buffer::size).sum::<u64>()
     }
 
     #[cfg(test)]

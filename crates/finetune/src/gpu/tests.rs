@@ -9,6 +9,7 @@ use gs_model::{Camera, Scene};
 use super::device::Context;
 use super::executor::DeviceOptimiser;
 use super::passes::{GpuStage, LISTS, fold, packed};
+use super::removal::{steps_of, whole};
 use super::sizes::Sizes;
 use super::uniform::StepUniform;
 use super::workspace::Workspace;
@@ -464,4 +465,39 @@ fn the_forward_pass_has_the_lists_that_the_tests_rely_on() {
     let longest = f.lists.offsets.windows(2).map(|w| w[1] - w[0]).max().unwrap_or(0);
     assert!((200..30_000).contains(&longest), "{longest}");
     assert_eq!(size_of::<TileGradient>(), 768 * 4);
+}
+
+/// Sums over views of several sizes, in pages and with too few slots to begin with.
+#[test]
+fn removal_effects_and_weights_agree() {
+    let (Some(context), Some(mut paged)) = (context(), context()) else { return };
+    let (scene, views) = large(3000, [120, 80]);
+    let mut cameras: Vec<Camera> = views.into_iter().map(|view| view.camera).collect();
+    cameras.push(camera(200, 130));
+    let mut wanted_images = Vec::new();
+    let wanted = crate::removal(&scene, &cameras, |image| wanted_images.push(image));
+    paged.page = 1000;
+    for context in [context, paged] {
+        let mut images = Vec::new();
+        let mut see = |image| images.push(image);
+        let mut steps = steps_of(context, &scene).unwrap();
+        let before = steps.workspace.sizes.capacity;
+        let found = steps.removal(cameras.iter().map(whole), Some(&mut see)).unwrap();
+        assert!(
+            steps.workspace.sizes.capacity > before,
+            "the scene fits into {before} slots: nothing was tested"
+        );
+        assert!(relative("effects", &found.effects, &wanted.effects) < 1e-4);
+        assert!(relative("squared weights", &found.squared, &wanted.squared) < 1e-4);
+        assert_eq!(images.len(), wanted_images.len());
+        for (a, b) in images.iter().zip(&wanted_images) {
+            assert!(relative("render", &a.rgb, &b.rgb) < 1e-5);
+        }
+    }
+    // Part of the pixels of a view of 0.3 megapixels. Equal depths have the order of the Morton curve on the processor.
+    let scene = scene.select(&gs_model::morton_order(&scene.means));
+    let many = [camera(640, 480), camera(120, 80)];
+    let wanted = crate::Visibility::of_all(&scene, &many).squared;
+    let found = super::Adapter::Software.squared_weights(&scene, &many).unwrap();
+    assert!(relative("sampled weights", &found, &wanted) < 1e-4);
 }

@@ -36,8 +36,9 @@ pub(crate) struct StepUniform {
     pub(crate) l1: f32,
     pub(crate) mse: f32,
     pub(crate) ssim: f32,
+    pub(crate) blur: f32,
     /// The size is a multiple of 16 bytes.
-    pub(crate) padding: [u32; 3],
+    pub(crate) padding: [u32; 2],
 }
 
 impl StepUniform {
@@ -58,6 +59,7 @@ impl StepUniform {
             tiles_y: view.tiles_y,
             end_row: view.tiles_y,
             reference: u32::from(view.reference),
+            blur: l.blur,
             ..Default::default()
         }
     }

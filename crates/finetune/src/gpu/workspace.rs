@@ -121,10 +121,11 @@ impl Workspace {
         self.buffers.values().flatten().map(wgpu::Buffer::size).sum()
     }
 
-    /// Makes the slot buffers larger. Their contents are lost.
-    pub(crate) fn grow(&mut self, capacity: usize) -> Result<()> {
+    /// Makes buffers larger. Their contents are lost.
+    pub(crate) fn grow(&mut self, change: impl FnOnce(&mut Sizes)) -> Result<()> {
         let old = self.sizes.buffers();
-        self.sizes.capacity = capacity;
+        change(&mut self.sizes);
+        self.sizes.check(self.context.binding())?;
         let mut lengths = self.sizes.buffers();
         lengths.retain(|l| !old.contains(l));
         self.allocate(&lengths)?;
@@ -199,7 +200,7 @@ impl Workspace {
         });
         let (keys, slots) = self.sorted_tiles();
         let sorted = [("tile_keys", keys), ("tile_slots", slots)];
-        for shader in ["ranges", "reach", "blend", "blend_adjoint"] {
+        for shader in ["ranges", "reach", "blend", "blend_adjoint", "removal"] {
             self.groups.insert(shader, vec![self.bind_group(shader, 0, &sorted, &[])]);
         }
         let emit = |writes: u32| {
@@ -212,6 +213,9 @@ impl Workspace {
             let groups = pages.map(|page| self.bind_group(shader, page, &[], &[])).collect();
             self.groups.insert(shader, groups);
         }
+        let pages = 0..self.pages.len();
+        let total = |page| self.bind_group("total", page, &[("sums", "totals")], &[]);
+        self.groups.insert("total", pages.map(total).collect());
         self.scans = self.sizes.scans().iter().map(|&(s, n)| self.bind_scan(s, n)).collect();
     }
 

@@ -5,30 +5,12 @@
 @group(0) @binding(1) var<storage, read> splats: array<Splat>;
 @group(0) @binding(2) var<storage, read> ids: array<u32>;
 @group(0) @binding(3) var<storage, read> offsets: array<u32>;
-@group(0) @binding(4) var<storage, read> pixels: array<f32>;
-// Per lane, as `blend` left it.
-@group(0) @binding(5) var<storage, read> last: array<u32>;
 // Per tile: gradients with respect to red, green, blue, 256 each.
 @group(0) @binding(6) var<storage, read> gradient: array<f32>;
-@group(0) @binding(7) var<storage, read_write> records: array<f32>;
-// Per position in the lists, a byte: which blocks the splat reaches.
-@group(0) @binding(8) var<storage, read> hits: array<u32>;
-
-// Per splat of the batch and sum: a value per lane. A row has a word more than lanes, so that lanes that add up
-// different rows read different banks.
-var<workgroup> sums: array<f32, RECORD_WORDS>;
-var<workgroup> longest: atomic<u32>;
-var<workgroup> needed: u32;
 
 fn gradients_at(at: u32) -> vec4<f32> {
     return vec4<f32>(
         gradient[at], gradient[at + TILE], gradient[at + 2u * TILE], gradient[at + 3u * TILE],
-    );
-}
-
-fn pixels_at(at: u32) -> vec4<f32> {
-    return vec4<f32>(
-        pixels[at], pixels[at + TILE], pixels[at + 2u * TILE], pixels[at + 3u * TILE],
     );
 }
 
@@ -46,19 +28,6 @@ fn light(at: u32, g_red: vec4<f32>, g_green: vec4<f32>, g_blue: vec4<f32>) -> ve
     let mb = blue * g_blue;
     let mrg = mr + mg;
     return mrg + mb;
-}
-
-// Eight columns of a block, halves onto halves: lane k of the block has added columns k and k + 4.
-fn sum_columns(at: u32) -> f32 {
-    let even = sums[at] + sums[at + 2u];
-    let odd = sums[at + 1u] + sums[at + 3u];
-    return even + odd;
-}
-
-fn sum_rows(v: vec4<f32>) -> f32 {
-    let two = v.x + v.y;
-    let three = two + v.z;
-    return three + v.w;
 }
 
 @compute @workgroup_size(TILE_LANES)
@@ -83,12 +52,7 @@ fn blend_adjoint(
     // Tiles past the last have empty lists.
     let first = offsets[tile];
     let list_end = select(first, offsets[tile + 1u], wanted < tiles);
-    atomicMax(&longest, last[tile * TILE_LANES + lane]);
-    workgroupBarrier();
-    if (lane == 0u) {
-        needed = atomicLoad(&longest);
-    }
-    let count = workgroupUniformLoad(&needed);
+    let count = needed_of(tile, lane);
     let end = min(first + count, list_end);
     for (var begin = 0u; begin < count; begin += RECORD_BATCH) {
         let start = first + begin;
@@ -125,29 +89,13 @@ fn blend_adjoint(
             let sum5$side = sum_rows(v0_$side * e1);
             let sum6$side = sum_rows(v_$side * e11);
             //@end
-            //@each sum 0 1 2 3 4 5 6
-            sums[(k * 7u + $sumu) * (TILE_LANES + 1u) + lane] = sum$suml + sum$sumr;
+            //@each sum EACH_SUM
+            sums[(k * SUMS + $sumu) * (TILE_LANES + 1u) + lane] = sum$suml + sum$sumr;
             //@end
         }
         workgroupBarrier();
-        for (var j = lane; j < n * 7u; j += TILE_LANES) {
-            let position = start + j / 7u;
-            var bits = (hits[position / 4u] >> (8u * (position % 4u))) & 255u;
-            var left = 0.0;
-            var right = 0.0;
-            while (bits != 0u) {
-                let b = firstTrailingBit(bits);
-                bits &= bits - 1u;
-                let v = sum_columns(j * (TILE_LANES + 1u) + 4u * b);
-                left += select(v, 0.0, b >= 4u);
-                right += select(0.0, v, b >= 4u);
-            }
-            records[start * 7u + j] = left + right;
-        }
+        store_records(start, n, lane);
         workgroupBarrier();
     }
-    // Slots behind the last one that a pixel needs.
-    for (var j = end * 7u + lane; j < list_end * 7u; j += TILE_LANES) {
-        records[j] = 0.0;
-    }
+    clear_records(end, list_end, lane);
 }

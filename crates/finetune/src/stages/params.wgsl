@@ -101,7 +101,7 @@ fn frame_of(i: u32) -> Frame {
     f.ewa = ewa_of(u.lens.x, u.lens.y, slope_u, slope_v, f.inv_z, w0, w1, w2);
     f.v0 = half_cov_row(f.ewa.t0, f.rot, f.s);
     f.v1 = half_cov_row(f.ewa.t1, f.rot, f.s);
-    f.shape = shape_of(f.v0, f.v1, BLUR);
+    f.shape = shape_of(f.v0, f.v1, u.blur);
     return f;
 }
 

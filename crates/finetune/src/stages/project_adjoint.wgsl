@@ -3,7 +3,7 @@
 fn shape_gradient(f: Frame, e: Sym2, v_ln_opacity: f32) -> Sym2 {
     let v_s = covariance_adjoint(f.shape.p, f.shape.q, f.shape.r, e);
     if (u.antialiased == 1u) {
-        return add_sym2(v_s, compensation_adjoint(f.v0, f.v1, f.shape, BLUR, v_ln_opacity));
+        return add_sym2(v_s, compensation_adjoint(f.v0, f.v1, f.shape, u.blur, v_ln_opacity));
     }
     return v_s;
 }

@@ -40,6 +40,8 @@ struct StepUniform {
     l1: f32,
     mse: f32,
     ssim: f32,
+    // Variance of the low-pass filter, pixels squared.
+    blur: f32,
 }
 
 @group(0) @binding(0) var<uniform> u: StepUniform;
