@@ -2,7 +2,7 @@
 
 #[cfg(feature = "gpu")]
 use finetune::Adapter;
-use finetune::{Backend, Image, Removal, Visibility, backend, removal};
+use finetune::{Backend, BackendReport, Image, Removal, Visibility, backend, removal};
 use gs_model::{Camera, Scene};
 
 use crate::error::Result;
@@ -15,6 +15,8 @@ pub(crate) struct Summed {
     /// The processor goes on if the adapter fails.
     #[cfg(feature = "gpu")]
     may_fall_back: bool,
+    /// Why the adapter failed, after which the processor goes on.
+    failed: Option<String>,
 }
 
 #[cfg(not(feature = "gpu"))]
@@ -32,7 +34,7 @@ impl Summed {
     pub(crate) fn on(wanted: Backend) -> Result<Self> {
         let on_gpu = backend::choose(wanted)?.used == Backend::Gpu;
         let adapter = on_gpu.then_some(Adapter::Hardware);
-        Ok(Self { adapter, may_fall_back: wanted == Backend::Auto })
+        Ok(Self { adapter, may_fall_back: wanted == Backend::Auto, failed: None })
     }
 
     /// What the adapter finds, if there is one and it works.
@@ -42,8 +44,8 @@ impl Summed {
     ) -> Result<Option<T>> {
         let found = self.adapter.map(sum).transpose();
         match found {
-            Err(finetune::Error::Gpu { .. }) if self.may_fall_back => {
-                self.adapter = None;
+            Err(finetune::Error::Gpu { reason }) if self.may_fall_back => {
+                (self.adapter, self.failed) = (None, Some(reason));
                 Ok(None)
             }
             sums => Ok(sums?),
@@ -52,6 +54,14 @@ impl Summed {
 }
 
 impl Summed {
+    /// Says in the report of a run that the processor took the sums over, if it did.
+    pub(crate) fn add_to(&self, report: &mut BackendReport) {
+        if let Some(reason) = &self.failed {
+            report.reason +=
+                &format!("; removal effects on the processor: the GPU failed ({reason})");
+        }
+    }
+
     /// Removal effects in the views of these cameras. `seen` gets the number and the render of each; after a failure of
     /// an adapter it gets them again from the first on.
     pub(crate) fn removal(
@@ -104,11 +114,18 @@ mod tests {
     #[test]
     fn the_processor_goes_on_where_it_may() {
         let fails = |_| Err::<u8, _>(finetune::Error::Gpu { reason: "lost".into() });
-        let on = |may_fall_back| Summed { adapter: Some(Adapter::Software), may_fall_back };
+        let on = |may_fall_back| Summed {
+            adapter: Some(Adapter::Software),
+            may_fall_back,
+            failed: None,
+        };
         assert_eq!(on(true).on_adapter(|_| Ok(3)).unwrap(), Some(3));
         let mut auto = on(true);
         assert_eq!(auto.on_adapter(fails).unwrap(), None);
         assert!(auto.adapter.is_none());
+        let mut report = BackendReport { used: Backend::Gpu, reason: "gpu".into() };
+        auto.add_to(&mut report);
+        assert!(report.reason.ends_with("the GPU failed (lost)"), "{}", report.reason);
         assert_eq!(auto.on_adapter(|_| Ok(3)).unwrap(), None);
         assert!(on(false).on_adapter(fails).is_err());
     }

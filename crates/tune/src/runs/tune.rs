@@ -207,6 +207,8 @@ impl Tune {
             Target::Bytes(bytes) => encoded.bytes.len() as u64 <= bytes,
             Target::Psnr(db) => scores.psnr >= db,
         };
+        let mut backend = backend.clone();
+        views.summed.add_to(&mut backend);
         let CodecLoop { scene: last, quality, bytes: counted_bytes, leaves, .. } = state;
         // The stream leaves out SH degrees that are zero everywhere.
         let scene = at_degree(&last, encoded.index.header.sh_degree);
@@ -221,7 +223,7 @@ impl Tune {
             outliers: leaves.outliers.map_or(0, |o| o.len()),
             steps: *steps,
             seconds: clock.seconds(),
-            backend: backend.clone(),
+            backend,
             cancelled,
             reached,
         })
