@@ -34,21 +34,6 @@ impl Forward {
         tile_lists(view, splats, boxes, &self.order, &mut self.lists);
     }
 
-    /// As [`render`], in memory that is there from the view before.
-    pub(crate) fn render(
-        &mut self,
-        scene: &Scene,
-        camera: &Camera,
-        options: &RenderOptions,
-    ) -> Image {
-        if !camera.image_fits() {
-            return Image::default();
-        }
-        let view = RenderView::new(camera, options);
-        self.run(scene, &view);
-        self.image(&view)
-    }
-
     /// The blended tiles as an image, over the background.
     pub(crate) fn image(&self, view: &RenderView) -> Image {
         image_of(&self.tiles, view)
@@ -80,5 +65,11 @@ pub(crate) fn image_of(tiles: &[TilePixels], view: &RenderView) -> Image {
 /// ([`Camera::image_fits`]) gives an image of no pixels.
 #[must_use]
 pub fn render(scene: &Scene, camera: &Camera, options: &RenderOptions) -> Image {
-    Forward::default().render(scene, camera, options)
+    if !camera.image_fits() {
+        return Image::default();
+    }
+    let view = RenderView::new(camera, options);
+    let mut forward = Forward::default();
+    forward.run(scene, &view);
+    forward.image(&view)
 }

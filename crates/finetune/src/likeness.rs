@@ -4,7 +4,7 @@
 //! one its upper right, and so on: together they show as much of the background as whole views do, so that their PSNR
 //! is that of whole views, from a quarter of the pixels.
 
-use crate::forward::Forward;
+use crate::forward::render;
 use crate::framing;
 use crate::image::Image;
 use crate::metrics;
@@ -114,9 +114,8 @@ impl LossViews {
 #[must_use]
 pub fn doubted_loss(scene: &Scene, version: &Scene, cameras: &[Camera]) -> Option<LossEstimate> {
     let views = pictures(scene, &around(scene, true));
-    let mut forward = Forward::default();
-    let mut shown = |picture: &Picture| picture.of(version, &mut forward);
-    let errors = views.iter().map(|p| metrics::squared_error(&shown(p), &p.image));
+    let errors =
+        views.iter().map(|picture| metrics::squared_error(&picture.of(version), &picture.image));
     let squared_error: f64 = errors.sum();
     if metrics::decibels(squared_error / views.len() as f64) >= DOUBTED_BELOW {
         return None;
@@ -142,10 +141,9 @@ fn likeness<E>(
     step: &mut dyn FnMut() -> Result<(), E>,
 ) -> Result<Option<Likeness>, E> {
     let (mut squared_error, mut ssim, mut ssimulacra2, mut shows) = (0.0, 0.0, 0.0, false);
-    let mut forward = Forward::default();
     for picture in pictures {
         step()?;
-        let (image, shown) = (&picture.image, picture.of(version, &mut forward));
+        let (image, shown) = (&picture.image, picture.of(version));
         shows |= image.rgb.iter().any(|&v| v > 0.0);
         squared_error += metrics::squared_error(&shown, image);
         let scores =
@@ -163,10 +161,9 @@ fn likeness<E>(
 
 /// A quarter of each view of a model.
 fn pictures(scene: &Scene, cameras: &[Camera]) -> Vec<Picture> {
-    let mut forward = Forward::default();
     let picture = |(i, camera)| {
         let camera = quarter(camera, i);
-        let image = forward.render(scene, &camera, &RenderOptions::default());
+        let image = render(scene, &camera, &RenderOptions::default());
         Picture { camera, image }
     };
     cameras.iter().enumerate().map(picture).collect()
@@ -174,8 +171,8 @@ fn pictures(scene: &Scene, cameras: &[Camera]) -> Vec<Picture> {
 
 impl Picture {
     /// The same view of a version of the model.
-    fn of(&self, version: &Scene, forward: &mut Forward) -> Image {
-        forward.render(version, &self.camera, &RenderOptions::default())
+    fn of(&self, version: &Scene) -> Image {
+        render(version, &self.camera, &RenderOptions::default())
     }
 }
 
