@@ -68,7 +68,7 @@ impl EncodeFrames {
             let name = path.display();
             let Some(count) = count.or(model.frames).filter(|&count| count > 1) else {
                 return Err(usage(format!(
-                    "{name}: does not say how many frames it has; pass --frames"
+                    "{name}: a sequence has two frames or more; pass their number as --frames"
                 )));
             };
             return Ok(Self::Timed { path: path.clone(), model: Box::new(model), count });

@@ -209,7 +209,8 @@ fn gaussians_that_move_by_formulas_become_a_sequence() {
     let encode = |flags: &str, model: &Path| {
         run(&format!("encode @ -o @ --force --fps 20{flags}"), &[model, &clip])
     };
-    wrong_usage(&encode("", &model), "pass --frames");
+    wrong_usage(&encode("", &model), "their number as --frames");
+    failed(&run("view --no-open @", &[&model]), "gsvx decode --frame 0");
     wrong_usage(&encode(" --frames 10", &frames(&dir, 3)), "--frames is for");
     failed(&run("convert @ @", &[&model, &dir.join("a.ply")]), "gsvx encode --fps");
 }

@@ -14,6 +14,8 @@ use crate::report::Reporter;
 use crate::size;
 use answer::AnswerPost;
 use anyhow::{Context, Result, anyhow, ensure};
+use gs_model::ReadOptions;
+use gs_model::ply::TimedModel;
 use serde_json::json;
 use start::Start;
 use std::net::TcpListener;
@@ -56,6 +58,12 @@ pub(crate) fn run(args: &ViewArgs, report: Reporter) -> Result<()> {
         ensure!(
             !frame_source::is_file(file),
             "{}: a sequence of frames; write one with gsvx decode --frame 0 to view it",
+            file.display()
+        );
+        ensure!(
+            TimedModel::open(file, &ReadOptions::default())?.is_none(),
+            "{}: Gaussians that move by formulas; make a sequence with gsvx encode --fps, and write a frame of it with \
+             gsvx decode --frame 0 to view it",
             file.display()
         );
     }
