@@ -59,8 +59,26 @@ fn attributes_have_one_result() {
 #[test]
 fn tools_have_one_result() {
     let tree = cloud();
-    let c = channel(tree.len(), 9, 1);
     let near = Neighbours::new(&tree);
-    let hashes = [hash(encode_lossless(&near, &[&c]).unwrap()), hash(rlgr::encode(&c))];
-    assert_eq!(hashes, [8_741_104_672_352_335_038, 3_522_733_997_063_804_764]);
+    // A channel for each mode: a histogram, plain bits, a palette, what neighbours predict.
+    let narrow = channel(tree.len(), 9, 1);
+    let gaps: Vec<i32> = narrow.iter().map(|v| v % 9 * 70_001).collect();
+    let smooth: Vec<i32> = (tree.leaves().iter().zip(&narrow))
+        .map(|(leaf, v)| (leaf.morton >> 12) as i32 % 900_000 + v / 20)
+        .collect();
+    let plain: Vec<i32> = channel(tree.len(), 9, 2).iter().map(|v| v >> 16).collect();
+    let channels = [narrow.clone(), plain, gaps, smooth];
+    let coded = channels.map(|c| encode_lossless(&near, &[&c]).unwrap());
+    // The mode stands behind the number of channels and the length of the first.
+    assert_eq!([0, 1, 2, 3].map(|c| coded[c][3]), [2, 0, 6, 1]);
+    assert_eq!(
+        coded.map(hash),
+        [
+            8_741_104_672_352_335_038,
+            10_891_187_927_814_553_801,
+            932_073_155_459_749_630,
+            11_081_722_660_061_695_174,
+        ]
+    );
+    assert_eq!(hash(rlgr::encode(&narrow)), 3_522_733_997_063_804_764);
 }

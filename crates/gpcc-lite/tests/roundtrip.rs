@@ -103,6 +103,9 @@ proptest! {
         let channels: Vec<Vec<i32>> = kinds.iter().map(|&k| channel(tree.len(), seed, k)).collect();
         let refs: Vec<&[i32]> = channels.iter().map(Vec::as_slice).collect();
         let bytes = encode_lossless(&near, &refs).unwrap();
+        let span = |c: &[i32]| c.iter().max().map_or(0, |max| max.abs_diff(*c.iter().min().unwrap()));
+        let raw: usize = refs.iter().map(|c| 16 + (32 - span(c).leading_zeros()) as usize * c.len() / 8).sum();
+        prop_assert!(bytes.len() <= 1 + raw);
         prop_assert_eq!(decode_lossless(&near, &bytes, channels.len()).unwrap(), channels);
     }
 

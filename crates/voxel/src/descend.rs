@@ -109,3 +109,35 @@ pub(crate) fn inside<M>(
         inside(child, codes, depth + 1, j_high, depths, solve);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::cell::RefCell;
+
+    /// Beside a loop over all cells: those that a range of codes holds and whose parents it does not hold.
+    #[test]
+    fn a_range_is_cut_into_the_largest_cells() {
+        const J: u8 = 3;
+        let cell = |code: u64, depth: u8| {
+            let below = 1u64 << (3 * (J - depth));
+            code / below * below..(code / below + 1) * below
+        };
+        let ranges = (0..512).step_by(7).flat_map(|a| (a..=512).step_by(9).map(move |b| a..b));
+        for range in ranges {
+            let codes: Vec<u64> = range.clone().step_by(5).collect();
+            let holds = |cell: Range<u64>| range.start <= cell.start && cell.end <= range.end;
+            let largest = |code| (0..=J).find(|&d| holds(cell(code, d))).unwrap();
+            let mut want: Vec<_> =
+                codes.iter().map(|&c| (cell(c, largest(c)).start, largest(c))).collect();
+            want.dedup();
+            let root = OccupiedCell { codes: &codes, members: &codes };
+            let got = RefCell::new(Vec::new());
+            let solve = |found: OccupiedCell<'_, u64>, depth, _: &mut [u8]| {
+                got.borrow_mut().push((cell(found.codes[0], depth).start, depth));
+            };
+            inside(root, &range, 0, J, &mut vec![0; codes.len()], &solve);
+            assert_eq!(got.into_inner(), want, "{range:?}");
+        }
+    }
+}

@@ -162,6 +162,7 @@ mod tests {
         assert!(tiles.len() > 10);
         for tile in 0..tiles.len() {
             let range = tiles.codes(tile);
+            assert_eq!(range.start, tiles.starts()[tile]);
             let inside = codes.iter().filter(|c| range.contains(c)).count() as u64;
             assert_eq!(inside, tiles.counts()[tile]);
             assert!(inside <= 300 || (inside == 400 && tiles.of(77_777_777) == tile), "{inside}");

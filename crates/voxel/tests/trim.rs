@@ -3,7 +3,7 @@
 mod common;
 
 use common::clustered;
-use voxel::{Trim, cube_of, trim};
+use voxel::{Trim, Trimmed, cube_of, trim};
 
 /// An octree that can reach the wanted cells keeps its floaters: a floater costs 3 bits per level.
 #[test]
@@ -28,6 +28,26 @@ fn floaters_beyond_the_levels_are_trimmed() {
     assert!(t.cube.side < 4.0 && t.j_high <= 12 && t.saved_bits > 0.0);
     assert!(t.inside.iter().all(|&i| t.cube.index_of(scene.means[i], t.j_high).is_some()));
     assert!(t.cube.cell(t.j_high) <= 1e-3 && t.cube.cell(t.j_high - 1) > 1e-3);
+}
+
+/// The boxes are around the scene, wherever it is: a floater at the origin is far from this one.
+#[test]
+fn a_scene_far_from_the_origin_is_the_centre() {
+    let mut means = vec![[0.0; 3]];
+    means.extend((0..1000).map(|i| [1e4 + i as f32 * 0.001, -2e4, 3e4]));
+    let t = trim(&means, &Trim::new(1e-3)).unwrap();
+    assert_eq!(t.outliers, [0]);
+}
+
+/// Each Gaussian has the row of its place among those inside, or among the outliers after them.
+#[test]
+fn rows_name_every_gaussian_once() {
+    let t = Trimmed {
+        inside: vec![1, 2, 4],
+        outliers: vec![0, 3],
+        ..trim(&[], &Trim::new(1.0)).unwrap()
+    };
+    assert_eq!(t.rows(&[7, 5, 6], 8), [8, 7, 5, 9, 6]);
 }
 
 #[test]

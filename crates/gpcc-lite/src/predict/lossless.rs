@@ -84,25 +84,21 @@ fn encode_values(near: &Neighbours, values: &[i32], flag: u8) -> Vec<u8> {
     let min = values.iter().copied().min().unwrap_or(0);
     let max = values.iter().copied().max().unwrap_or(0);
     let width = 32 - max.wrapping_sub(min).cast_unsigned().leading_zeros();
-    let mut coder = RansEncoder::default();
-    let mut copy = values.to_vec();
-    code_predicted(near, &mut copy, bounds(min, width), &mut coder);
-    let (mut mode, mut body) = (PREDICTED, coder.finish());
-    if width <= HISTOGRAM_BITS {
+    let mut values = values.to_vec();
+    let mut predicted = RansEncoder::default();
+    code_predicted(near, &mut values, bounds(min, width), &mut predicted);
+    let histogram = (width <= HISTOGRAM_BITS).then(|| {
         let mut coder = RansEncoder::default();
-        code_histogram(&mut copy, min, width, &mut coder);
-        let coded = coder.finish();
-        if coded.len() < body.len() {
-            (mode, body) = (HISTOGRAM, coded);
-        }
+        code_histogram(&mut values, min, width, &mut coder);
+        (HISTOGRAM, coder.finish())
+    });
+    let mut raw = BitWriter::default();
+    for v in &values {
+        raw.put(v.wrapping_sub(min).cast_unsigned(), width);
     }
-    if body.len() as u64 * 8 > u64::from(width) * values.len() as u64 {
-        let mut w = BitWriter::default();
-        for v in values {
-            w.put(v.wrapping_sub(min).cast_unsigned(), width);
-        }
-        (mode, body) = (RAW, w.finish());
-    }
+    let bodies = [Some((PREDICTED, predicted.finish())), histogram, Some((RAW, raw.finish()))];
+    let smallest = bodies.into_iter().flatten().min_by_key(|(_, body)| body.len());
+    let (mode, body) = smallest.unwrap_or_default();
     let mut out = vec![mode | flag];
     out.extend(min.to_le_bytes());
     out.push(width as u8);
@@ -161,9 +157,6 @@ fn bounds(min: i32, width: u32) -> [i64; 2] {
 fn code_histogram<C: Coder>(values: &mut [i32], min: i32, width: u32, coder: &mut C) {
     let mut tree = vec![Bit::default(); 1 << width];
     for v in values {
-        if !C::ENCODING && coder.exhausted() {
-            return;
-        }
         let offset = v.wrapping_sub(min).cast_unsigned();
         let mut node = 1usize;
         for level in (0..width).rev() {
@@ -184,9 +177,6 @@ fn code_predicted<C: Coder>(
     let mut model = Residual::new();
     let mut error = vec![0u32; values.len()];
     for at in 0..near.len() {
-        if !C::ENCODING && coder.exhausted() {
-            return;
-        }
         let i = near.order()[at] as usize;
         let (index, distance) = near.of(at);
         let (mut sum, mut total) = (0i64, 0i64);

@@ -11,20 +11,11 @@ const MAX: usize = 4096;
 
 /// The sorted distinct values, if there are at most 4096 and they leave gaps.
 pub(super) fn find(values: &[i32]) -> Option<Vec<i32>> {
-    // If some of the values are too many already, sorting all is not necessary.
-    let step = (values.len() / (2 * MAX)).max(1);
-    let mut some: Vec<i32> = values.iter().copied().step_by(step).collect();
-    some.sort_unstable();
-    some.dedup();
-    if some.len() > MAX {
-        return None;
-    }
     let mut all = values.to_vec();
     all.sort_unstable();
     all.dedup();
-    let (first, last) = (*all.first()?, *all.last()?);
-    let span = i64::from(last) - i64::from(first) + 1;
-    (all.len() <= MAX && span > all.len() as i64 && all.len() * 4 < values.len()).then_some(all)
+    let span = i64::from(*all.last()?) - i64::from(*all.first()?) + 1;
+    (all.len() <= MAX && span > all.len() as i64).then_some(all)
 }
 
 /// Indices of `values` in `palette`, which holds them all.
@@ -63,4 +54,18 @@ pub(super) fn read(r: &mut ByteReader<'_>) -> Result<Vec<i32>> {
         palette.push(last);
     }
     Ok(palette)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_palette_has_at_most_4096_values_and_gaps() {
+        let every = |step: i32, count: i32| find(&(0..count).map(|i| i * step).collect::<Vec<_>>());
+        assert_eq!(every(3, 4096).unwrap().len(), 4096);
+        assert_eq!(every(3, 4097), None);
+        assert_eq!(every(1, 100), None);
+        assert_eq!(find(&[]), None);
+    }
 }
