@@ -92,7 +92,7 @@ within a budget of Gaussians. PSNR is to \`gsvx render\` of the model; bytes are
 
 ${table(['view, budget', 'streams', 'SOG'], rows)}
 ${older.length ? `
-PlayCanvas 2.22, SOG, levels chosen by error or by distance:
+PlayCanvas 2.22, SOG, levels chosen by error (of \`lod-meta.json\`; 2.23 does not) or by distance:
 
 ${table(['view, budget', 'by error', 'by distance'], older)}
 ` : ''}`);
