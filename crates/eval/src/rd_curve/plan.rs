@@ -198,7 +198,7 @@ pub(crate) const PAPER_QPS: [(u8, u8, u8, f32); 6] = [
     (16, 4, 4, 90.0),
 ];
 
-/// The paper's coding of one model: all triples with the codebook, and the upper half without loss.
+/// The paper's coding of one model: all triples, with the codebook and without loss.
 pub(crate) fn paper_codings() -> Vec<Coding> {
     let coding = |lossless| {
         move |&(ac, dc, opacity, quality): &(u8, u8, u8, f32)| Coding {
@@ -206,8 +206,7 @@ pub(crate) fn paper_codings() -> Vec<Coding> {
             paper: Some((Qp { ac, dc, opacity }, lossless)),
         }
     };
-    let upper = PAPER_QPS[PAPER_QPS.len() / 2..].iter().map(coding(true));
-    PAPER_QPS.iter().map(coding(false)).chain(upper).collect()
+    [false, true].into_iter().flat_map(|lossless| PAPER_QPS.iter().map(coding(lossless))).collect()
 }
 
 impl Coding {
