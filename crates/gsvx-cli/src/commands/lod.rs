@@ -8,7 +8,7 @@ mod tiles;
 use crate::exit::{note, usage};
 use crate::format;
 use crate::input::{self, Limit};
-use crate::output::OutputFolder;
+use crate::output::{OutputFolder, counted};
 use crate::report::Reporter;
 use crate::stream_file::StreamFile;
 use anyhow::{Result, bail};
@@ -97,8 +97,11 @@ pub(crate) fn run(args: &LodArgs, report: Reporter) -> Result<()> {
     let levels = u32::from(index.coarsest_lod()) + 1;
     let places = leaves_of(&index, 0).len();
     let mut human = format!(
-        "{}: {places} places at {levels} levels of detail, in {files} files of {}",
+        "{}: {} at {} of detail, in {} of {}",
         args.output.join(list).display(),
+        counted(places, "place"),
+        counted(levels, "level"),
+        counted(files, "file"),
         DecimalBytes(bytes)
     );
     if levels == 1 {
