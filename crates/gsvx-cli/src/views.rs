@@ -7,7 +7,7 @@ use crate::output::is_stdio;
 use crate::progress::Meter;
 use crate::size::number;
 use anyhow::{Result, bail};
-use finetune::{MAX_EDGE, doubt_about_share};
+use finetune::{MAX_EDGE, TrainView, doubt_about_share};
 use gs_model::dataset::{self, CameraSet, HOLD_OUT_EVERY};
 use gs_model::lens::Lens;
 use gs_model::{Camera, Scene, View, pinholes, refuse_wide};
@@ -74,6 +74,21 @@ impl WhichViews {
             };
         }
         Ok(PlacedCameras { cameras: chosen, origin })
+    }
+
+    /// The photos of some of its cameras, which are at this origin.
+    pub(crate) fn photos(&self, cameras: &[Camera], origin: [f64; 3]) -> Result<Vec<TrainView>> {
+        let Some(path) = &self.cameras else { return Err(usage("--photos: give --cameras")) };
+        let views = dataset::open_cameras(path)?.views.into_iter();
+        let views = views.filter(|view| cameras.iter().any(|c| c.name == view.camera.name));
+        let views: Vec<View> =
+            views.map(|v| View { camera: v.camera.relative_to(origin), ..v }).collect();
+        let photos = tune::photos(path, &views)?;
+        if photos.views.is_empty() {
+            bail!("{}: no photos; leave out --photos", path.display());
+        }
+        photos.warnings.iter().for_each(|warning| note(format_args!("warning: {warning}")));
+        Ok(photos.views)
     }
 }
 

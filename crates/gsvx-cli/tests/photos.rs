@@ -219,3 +219,22 @@ fn photos_that_are_turned_are_said_to_be() {
         "80x120, but its camera has 240x160: the photo is turned by 90 degrees",
     );
 }
+
+/// Beside the figures of the room's model in docs/results/tune.md.
+#[test]
+fn compare_scores_both_models_against_the_photos() {
+    let scene = Scene::new(|_, _, _| {});
+    let stream = scene.path("a.gsvx");
+    common::report("encode @ -q 50 --no-estimate -o @", &[&model(), &stream]);
+    let line = "compare @ @ --cameras @ --every 8 --photos";
+    let (said, _) = common::report(line, &[&model(), &stream, &room()]);
+    let [reference, coded] = [0, 1].map(|i| {
+        ["psnr", "ssim", "ssimulacra2"].map(|score| said["photos"][i][score].as_f64().unwrap())
+    });
+    for (got, want, tolerance) in [(0, 30.93, 0.01), (1, 0.9043, 1e-4), (2, 40.9, 0.1)] {
+        assert!((reference[got] - want).abs() <= tolerance, "{reference:?}");
+        assert!(coded[got] < reference[got], "{coded:?} {reference:?}");
+    }
+    let out = run(line, &[&model(), &stream, &scene.dir]);
+    one_line(&out, "no photos; leave out --photos");
+}

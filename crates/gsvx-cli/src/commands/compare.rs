@@ -2,6 +2,7 @@
 
 mod frames;
 mod hint;
+mod photos;
 
 use crate::attribute_errors::AttributeErrors;
 use crate::commands::sequence;
@@ -23,6 +24,7 @@ use std::path::{Path, PathBuf};
 pub(crate) const EXAMPLES: &str = "\
 Examples:
   gsvx compare model.ply scene.gsvx --cameras data/fox
+  gsvx compare model.ply scene.gsvx --cameras data/fox --every 8 --photos   both against the photos held out
   gsvx compare model.ply scene.gsvx --orbit 12
   gsvx compare model.ply scene.gsvx --orbit 12 -o pictures     reference, model, difference
   gsvx compare model.ply scene.spz --orbit 12 --json
@@ -36,6 +38,9 @@ pub(crate) struct CompareArgs {
     model: PathBuf,
     #[command(flatten)]
     views: WhichViews,
+    /// Compare both models with the photos of the cameras too.
+    #[arg(long, requires = "cameras", conflicts_with = "scale")]
+    photos: bool,
     /// Folder for a PNG per view: the reference, the model, and their difference 8 times amplified,
     /// side by side. The worst view is the first.
     #[arg(short, long, value_name = "FOLDER")]
@@ -66,6 +71,9 @@ pub(crate) fn run(args: &CompareArgs, report: Reporter) -> Result<()> {
     }
     let sequences = [is_sequence_path(&args.reference)?, is_sequence_path(&args.model)?];
     if sequences.contains(&true) {
+        if args.photos {
+            return Err(usage("--photos: the photos of a scene do not move, as a sequence does"));
+        }
         return frames::run(args, report);
     }
     if !args.frames.is_empty() {
@@ -82,7 +90,9 @@ pub(crate) fn run(args: &CompareArgs, report: Reporter) -> Result<()> {
     let unmoved = lost.then(|| b.means.clone());
     [&mut a, &mut b].into_iter().for_each(|scene| scene.move_origin(place));
     let PlacedCameras { cameras, origin } = args.views.cameras(&a, &args.reference)?;
+    let photos = if args.photos { args.views.photos(&cameras, place)? } else { Vec::new() };
     let seen = score_views(&a, &b, &cameras);
+    let to_photos = photos::scores([&a, &b], &photos);
     let mut order: Vec<_> = seen.iter().collect();
     order.sort_by(|x, y| x.scores.psnr.total_cmp(&y.scores.psnr));
     let pictures = match folder {
@@ -102,6 +112,9 @@ pub(crate) fn run(args: &CompareArgs, report: Reporter) -> Result<()> {
     human += &format!("renders, mean over {} views: {}\n", seen.len(), words(&scores));
     if let Some(worst) = order.first() {
         human += &format!("  worst: {} with {}\n", worst.camera.name, words(&worst.scores));
+    }
+    if let Some(scores) = &to_photos {
+        human += &photos::human(scores, photos.len());
     }
     if seen.iter().all(|s| s.empty) {
         note(
@@ -125,6 +138,7 @@ pub(crate) fn run(args: &CompareArgs, report: Reporter) -> Result<()> {
     json["cameras"] = origin.as_ref().map_or(Value::Null, Origin::json);
     json["views"] = seen.iter().map(view).collect();
     json["pictures"] = json!(pictures);
+    json["photos"] = to_photos.map_or(Value::Null, |scores| json!(scores.map(|s| scores_json(&s))));
     json["attributes"] = errors.as_ref().map_or(Value::Null, AttributeErrors::json);
     if let Some(hint) = hint::hint(&a, b, unmoved, &cameras, scores.psnr) {
         note(format_args!("hint: {hint}"));
