@@ -118,6 +118,12 @@ impl EncodeFrames {
     }
 }
 
+/// The Gaussians that are there.
+pub(crate) fn only(mut scene: Scene, there: &[bool]) -> Scene {
+    scene.keep(&(0..there.len()).filter(|&i| there[i]).collect::<Vec<_>>());
+    scene
+}
+
 /// The last number in the name of a file.
 fn number(path: &Path) -> Option<u64> {
     let name = path.file_name()?.to_str()?.split('.').next()?;
@@ -163,6 +169,11 @@ pub(crate) struct FrameSource<'a> {
 }
 
 enum FrameContent {
+    /// A model that moves by formulas, at so many times.
+    Timed {
+        model: Box<TimedModel>,
+        count: u64,
+    },
     Stream {
         bytes: Vec<u8>,
         sequence: Sequence,
@@ -172,10 +183,12 @@ enum FrameContent {
     Models(Vec<PathBuf>),
 }
 
-/// Whether a path is that of a sequence: a stream of one, a folder with models, or a name that stands for files.
-pub(crate) fn is_sequence_path(path: &Path) -> Result<bool> {
+/// Whether a path is that of a sequence: a stream of one, a model that moves, a folder with models, or a name that stands
+/// for files.
+pub(crate) fn is_sequence_path(path: &Path, reading: &Reading) -> Result<bool> {
     let models = folder(path)?.is_some_and(|models| !models.is_empty());
-    Ok(models || is_file(path) || !globbed(path).is_empty())
+    let moves = path.is_file() && reading.timed(path)?.is_some();
+    Ok(models || moves || is_file(path) || !globbed(path).is_empty())
 }
 
 impl<'a> FrameSource<'a> {
@@ -185,6 +198,11 @@ impl<'a> FrameSource<'a> {
             let bytes = input::bytes(path)?;
             let sequence = Sequence::parse(&bytes).with_context(|| input::name(path))?;
             FrameContent::Stream { bytes, sequence, group: None }
+        } else if path.is_file()
+            && let Some(model) = reading.model.timed(path)?
+        {
+            let count = model.frames.unwrap_or(0).into();
+            FrameContent::Timed { model: Box::new(model), count }
         } else {
             let mut models = globbed(path);
             if models.is_empty() {
@@ -198,9 +216,20 @@ impl<'a> FrameSource<'a> {
         Ok(Self { path, reading, content })
     }
 
-    /// The number of frames.
+    /// Makes a model that moves have as many frames as `other`, which does not, or which knows their number.
+    pub(crate) fn follow(&mut self, other: &Self) {
+        let knows = !matches!(other.content, FrameContent::Timed { .. });
+        if let FrameContent::Timed { count, .. } = &mut self.content
+            && (knows || *count == 0)
+        {
+            *count = other.len();
+        }
+    }
+
+    /// The number of frames; 0 of a model that moves and does not state it.
     pub(crate) fn len(&self) -> u64 {
         match &self.content {
+            FrameContent::Timed { count, .. } => *count,
             FrameContent::Stream { sequence, .. } => sequence.frames(),
             FrameContent::Models(models) => models.len() as u64,
         }
@@ -214,6 +243,10 @@ impl<'a> FrameSource<'a> {
     /// A frame, from 0 to below [`FrameSource::len`].
     pub(crate) fn frame(&mut self, number: u64) -> Result<Scene> {
         let (bytes, sequence, last) = match &mut self.content {
+            FrameContent::Timed { model, count } => {
+                let (scene, there) = model.frame(number as u32, *count as u32);
+                return Ok(only(scene, &there));
+            }
             FrameContent::Models(models) => {
                 return Ok(self.reading.any(&models[number as usize])?.0);
             }

@@ -206,6 +206,12 @@ fn gaussians_that_move_by_formulas_become_a_sequence() {
     let moved = mean(&frame(9)) - mean(&frame(5));
     assert!((moved - 0.4).abs() < 0.01, "{moved}");
 
+    let views = "--orbit 2 --size 64x48";
+    let found = json(&format!("compare @ @ {views}"), &[&model, &clip]);
+    assert!(found["frame_count"] == 10 && found["psnr"].as_f64().unwrap() > 30.0, "{found}");
+    let compare = |other: &Path| run(&format!("compare @ @ {views}"), &[&model, other]);
+    one_line(&compare(&model), "state no number of frames");
+
     let encode = |flags: &str, model: &Path| {
         run(&format!("encode @ -o @ --force --fps 20{flags}"), &[model, &clip])
     };

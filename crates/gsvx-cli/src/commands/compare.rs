@@ -32,7 +32,8 @@ Examples:
 
 #[derive(clap::Args)]
 pub(crate) struct CompareArgs {
-    /// The reference: a stream or a model of any format. A folder or 'frames/*.ply' in quotes is a sequence.
+    /// The reference: a stream or a model of any format. A folder, 'frames/*.ply' in quotes,
+    /// and a PLY that moves are sequences.
     reference: PathBuf,
     /// What is judged, in the same forms as the reference.
     model: PathBuf,
@@ -69,7 +70,8 @@ pub(crate) fn run(args: &CompareArgs, report: Reporter) -> Result<()> {
     if is_stdio(&args.reference) && is_stdio(&args.model) {
         return Err(usage("only one of the two models can be standard input"));
     }
-    let sequences = [is_sequence_path(&args.reference)?, is_sequence_path(&args.model)?];
+    let is_sequence = |path: &Path| is_sequence_path(path, &args.reading.model);
+    let sequences = [is_sequence(&args.reference)?, is_sequence(&args.model)?];
     if sequences.contains(&true) {
         if args.photos {
             return Err(usage("--photos: the photos of a scene do not move, as a sequence does"));

@@ -3,7 +3,7 @@
 use crate::content::{self, SceneArgs};
 use crate::exit::{missed, note, usage};
 use crate::format;
-use crate::frame_source::{EncodeFrames, InputFrame, evenly};
+use crate::frame_source::{EncodeFrames, InputFrame, evenly, only};
 use crate::input::{self, Limit, ReadingAny};
 use crate::loss;
 use crate::output::{Output, OutputFolder, counted};
@@ -185,12 +185,12 @@ fn estimated(
     bytes: &[u8],
 ) -> Result<LossEstimate> {
     let input = |number: u64| {
-        let InputFrame { mut scene, there, .. } =
+        let InputFrame { scene, there, .. } =
             frames.frame(number as usize, &args.reading, false)?;
-        if let Some(there) = there {
-            scene.keep(&(0..there.len()).filter(|&i| there[i]).collect::<Vec<_>>());
-        }
-        Ok::<_, anyhow::Error>(scene)
+        Ok::<_, anyhow::Error>(match there {
+            Some(there) => only(scene, &there),
+            None => scene,
+        })
     };
     let first = input(0)?;
     let cameras = framing::around(&first, ESTIMATED);

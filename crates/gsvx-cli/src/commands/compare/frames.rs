@@ -24,9 +24,15 @@ pub(super) fn run(args: &CompareArgs, report: Reporter) -> Result<()> {
     }
     let mut a = FrameSource::open(&args.reference, &args.reading)?;
     let mut b = FrameSource::open(&args.model, &args.reading)?;
+    a.follow(&b);
+    b.follow(&a);
     let [names, counts] = [[a.name(), b.name()], [a.count(), b.count()]];
     let [reference, model] = &names;
     let frames = a.len();
+    ensure!(
+        frames > 0,
+        "{reference} and {model} move and state no number of frames; compare one with a sequence"
+    );
     ensure!(frames == b.len(), "{reference} has {}, {model} {}", counts[0], counts[1]);
     let chosen = chosen(&args.frames, frames)?;
     let mut both = |number: u64| -> Result<[Scene; 2]> {
@@ -34,7 +40,6 @@ pub(super) fn run(args: &CompareArgs, report: Reporter) -> Result<()> {
         b.move_origin(a.origin);
         Ok([a, b])
     };
-    // The search for views may find others in a frame whose rows have another order.
     let mut now = both(chosen[0])?;
     let PlacedCameras { cameras, origin } = args.views.cameras(&now[0], &args.reference)?;
     let place = now[0].origin;
