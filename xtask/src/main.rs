@@ -63,6 +63,8 @@ enum Task {
     Paper(bench::paper::PaperOptions),
     /// What gsvx tune saves, beside streams without it
     BenchTune(bench::tune::TuneBenchOptions),
+    /// Write the model in a stream of the paper's codec
+    PaperDecode(rd_curve::DecodeOptions),
     /// The decoder for browsers: npm package, viewer page, tests
     Web(web::WebArgs),
     /// A page for any web host: a scene, untuned and tuned
@@ -89,6 +91,7 @@ fn main() -> ExitCode {
         Task::BenchError(args) => bench::error::run(&args),
         Task::BenchRealSize(args) => bench::real_size::run(&args),
         Task::Paper(args) => bench::paper::run(&args),
+        Task::PaperDecode(args) => rd_curve::decode(&args),
         Task::BenchTune(args) => bench::tune::run(&args),
         Task::Web(args) => web::run(&args),
         Task::Demo(args) => demo::run(&args),

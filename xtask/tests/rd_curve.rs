@@ -44,6 +44,14 @@ fn the_room_gives_a_report_and_a_second_run_skips_it() {
         let best = (0..points.len()).map(db).fold(0.0, f64::max);
         assert!(best > db(0) + 1.0 && best > original - 0.5, "{} {best} {original}", db(0));
     }
+    // A stream of the paper's codec opens.
+    let streams = fs::read_dir(dir.path().join("streams")).unwrap().map(|e| e.unwrap().path());
+    let [stream, ply] = [
+        streams.filter(|p| p.extension().is_some_and(|e| e == "paper")).min().unwrap(),
+        dir.path().join("a.ply"),
+    ];
+    stdout(&xtask(&["paper-decode", stream.to_str().unwrap(), ply.to_str().unwrap()]));
+    assert!(fs::metadata(ply).unwrap().len() > fs::metadata(stream).unwrap().len());
     let page = fs::read_to_string(dir.path().join("report.html")).unwrap();
     assert!(
         page.contains("<svg") && page.contains("data:image/png") && !page.contains("src=\"http")

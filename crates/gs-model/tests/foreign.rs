@@ -37,7 +37,7 @@ fn a_file_that_is_no_model_is_named_with_what_to_do() {
         ("a.npy", b"\x93NUMPY\x01\0", "tensors"),
         ("a.ckpt", b"\x80\x02}", "tensors"),
         ("a.usdc", b"PXR-USDC", "an OpenUSD scene"),
-        ("a.paper", b"paper\x01\x03", "cargo run -p gsvx-paper --example decode"),
+        ("a.paper", b"paper\x01\x03", "cargo xtask paper-decode"),
     ];
     for (name, bytes, needle) in cases {
         says(read(name, bytes), &format!("{name}: is no model: it is "));

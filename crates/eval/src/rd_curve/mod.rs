@@ -12,9 +12,11 @@ mod tuned;
 mod views;
 
 use std::fs;
+use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::{Context, Result};
+use gs_model::ply;
 
 use crate::peers;
 use crate::record::{Bd, Curve, Run};
@@ -23,6 +25,28 @@ use plan::{GSVX, PAPER, PAPER_TUNED, TUNED};
 
 pub use options::CurveOptions;
 pub(crate) use tuned::one_tune;
+
+/// Flags of `cargo xtask paper-decode`.
+#[derive(Clone, Debug, clap::Args)]
+pub struct DecodeOptions {
+    /// A stream of the paper's codec, as `rd-curve` writes them
+    stream: PathBuf,
+    /// The PLY to write
+    out: PathBuf,
+}
+
+/// Writes the model in a stream of the paper's codec.
+///
+/// # Errors
+/// If a file cannot be read or written, or the stream is broken.
+pub fn decode(options: &DecodeOptions) -> Result<()> {
+    let DecodeOptions { stream, out } = options;
+    let name = || stream.display().to_string();
+    let scene = paper::decode(&fs::read(stream).with_context(name)?).with_context(name)?;
+    ply::write(out, &scene)?;
+    println!("{}: {} Gaussians", out.display(), scene.len());
+    Ok(())
+}
 
 /// Measures the curves of a scene and writes the report: `report.html`, a JSON and the charts.
 ///

@@ -63,7 +63,7 @@ const SIGNATURES: &[Signature] = &[
     ),
     signature(
         b"paper\x01",
-        "a stream of the paper's codec; cargo run -p gsvx-paper --example decode STREAM.paper OUT.ply opens it",
+        "a stream of the paper's codec; cargo xtask paper-decode STREAM.paper OUT.ply opens it",
     ),
     signature(b"\x93NUMPY", TENSORS),
     signature(b"\x89HDF", TENSORS),
