@@ -59,6 +59,8 @@ enum Task {
     BenchError(bench::error::ErrorOptions),
     /// Models of a million Gaussians: coded, tuned, time, memory
     BenchRealSize(bench::real_size::RealSizeOptions),
+    /// Frames as a sequence, beside open formats of sequences
+    BenchSequences(bench::sequences::SequenceBenchOptions),
     /// The paper's claims, measured
     Paper(bench::paper::PaperOptions),
     /// What gsvx tune saves, beside streams without it
@@ -90,6 +92,7 @@ fn main() -> ExitCode {
         Task::BenchQuality(args) => bench::quality::run(&args),
         Task::BenchError(args) => bench::error::run(&args),
         Task::BenchRealSize(args) => bench::real_size::run(&args),
+        Task::BenchSequences(args) => bench::sequences::run(&args),
         Task::Paper(args) => bench::paper::run(&args),
         Task::PaperDecode(args) => rd_curve::decode(&args),
         Task::BenchTune(args) => bench::tune::run(&args),

@@ -8,5 +8,6 @@ pub mod gsvx;
 pub mod paper;
 pub mod quality;
 pub mod real_size;
+pub mod sequences;
 pub mod size;
 pub mod tune;
