@@ -82,13 +82,12 @@ pub fn run(options: &QualityOptions) -> Result<()> {
             ));
         }
     }
-    let mut bounded = Table::new("model | setting | bytes | bit/Gaussian | PSNR dB");
+    let mut bounded = Table::new("model | setting | bytes | PSNR dB");
     for model in models.iter().filter(|m| m.photos.is_some()) {
         for setting in SETTINGS {
             let (record, _) = model.coded(&gsvx, setting)?;
             let (name, bytes, db) = (&model.name, record.bytes, record.score.psnr_db);
-            let bits = record.bits_per_gaussian();
-            bounded.told(format!("{name} | `{setting}` | {bytes} | {bits:.1} | {db:.2}"));
+            bounded.told(format!("{name} | `{setting}` | {bytes} | {db:.2}"));
         }
     }
     let all = models.len();
@@ -192,9 +191,8 @@ impl Model {
         let bytes = std::fs::read(&stream)?;
         let scene = ::gsvx::decode(&bytes)?;
         let lost = |(test, db): &(TestScene, f64)| db - measure::psnr_db(&scene, &test.held_out);
-        let gaussians = self.photos.as_ref().map_or(0, |(test, _)| test.model.len());
         let bytes = bytes.len() as u64;
-        let record = Record { bytes, gaussians, score, ..Record::default() };
+        let record = Record { bytes, score, ..Record::default() };
         Ok((record, self.photos.as_ref().map(lost)))
     }
 }
