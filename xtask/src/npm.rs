@@ -23,13 +23,14 @@ pub(crate) fn needed() -> Result<()> {
 /// Runs a script that makes a page, with the decoder that reads models too.
 pub(crate) fn page(name: &str, arguments: &[&Path]) -> Result<()> {
     needed()?;
-    decoder(&["--features=page"], "viewer/wasm")?;
+    decoder(&["--features=page"], "viewer/wasm/gsvx")?;
     script(name, arguments, &[])
 }
 
-/// Builds the decoder and packs the npm package; returns the tarball.
+/// Builds the decoders, of streams and of sequences, and packs the npm package; returns the tarball.
 pub(crate) fn package() -> Result<PathBuf> {
-    decoder(&[], "wasm")?;
+    decoder(&[], "wasm/gsvx")?;
+    decoder(&["--features=sequence"], "wasm/sequence")?;
     let (sh, out) = (shell("crates/gsvx-web/npm")?, scenes::root().join("out/web"));
     sh.create_dir(&out)?;
     let printed = cmd!(sh, "npm pack --silent --pack-destination {out}").quiet().read()?;
@@ -38,7 +39,7 @@ pub(crate) fn package() -> Result<PathBuf> {
     Ok(tarball)
 }
 
-/// Builds the decoder with some features, and its JavaScript, into a folder of the package.
+/// Builds the decoder with some features, and its JavaScript: `out` is a folder of the package and a name.
 fn decoder(features: &[&str], out: &str) -> Result<()> {
     let (sh, target) = (shell("")?, scenes::root().join("target/web"));
     let words = ["--package=gsvx-web", "--profile=web"];
@@ -49,13 +50,14 @@ fn decoder(features: &[&str], out: &str) -> Result<()> {
     let cargo =
         cargo.env("CARGO_TARGET_WASM32_UNKNOWN_UNKNOWN_RUSTFLAGS", "-C target-feature=+simd128");
     cargo.quiet().run().context("gsvx-web does not build")?;
+    let (out, name) = out.rsplit_once('/').context("a folder and a name")?;
     let module = target.join(WASM).join("web/gsvx_web.wasm");
     Bindgen::new()
         .input_path(&module)
         .web(true)?
         // A decoder that has trapped is replaced.
         .reset_state_function(true)
-        .out_name("gsvx")
+        .out_name(name)
         .remove_name_section(true)
         .remove_producers_section(true)
         .generate(folder().join(out))

@@ -1,7 +1,7 @@
 // Reads a stream and decodes its chunks as they become whole: coarse level first. Runs in a worker, or
 // where it is called.
 import { GsvxError, hasTrapped } from './error.js';
-import { open } from './source.js';
+import { open, ranger } from './source.js';
 import init, { __wbg_reset_state as renew, Stream } from './wasm/gsvx.js';
 
 /** Ranges closer than this are one request, up to a size. */
@@ -271,12 +271,6 @@ function ranges(decoding) {
     else list.push([start, end]);
   }
   return list;
-}
-
-/** What gives ranges of a stream as far as it has them. */
-export function ranger(input) {
-  const length = input.length ?? Infinity;
-  return async (start, end) => (start < length ? input.range(start, Math.min(end, length)) : new Uint8Array(0));
 }
 
 /** Reads the head; returns how many bytes of the stream have been given for it. */

@@ -172,6 +172,52 @@ export function decode<L extends Layout = 'planar'>(source: Source, options: Opt
 /** Decodes a stream; the promise gives the whole scene. */
 export function decode<L extends Layout = 'planar'>(source: Source, options?: Options<L>): Promise<Scene<L>>;
 
+export interface SequenceOptions<L extends Layout = 'planar'> extends Pick<Options<L>, 'layout' | 'maxShDegree' | 'request' | 'signal' | 'worker' | 'wasm'> {
+  limits?: {
+    /** Greatest number of Gaussians of a group; without it, in proportion to its bytes. */
+    gaussians?: number;
+  };
+  /** With 2, for a URL, bytes or a Blob, the next group is decoded while one is shown; 1 without it. */
+  workers?: 1 | 2;
+}
+
+/** A frame of a sequence. */
+export interface Frame<L extends Layout = 'planar'> {
+  /** Its number, from 0 on. */
+  number: number;
+  /** The number of its group. */
+  group: number;
+  /** Gaussians of the group. Those that are not in this frame are transparent: the logit of their opacity is -Infinity. */
+  count: number;
+  /** Gaussians that the arrays have room for, a multiple of 2048. */
+  capacity: number;
+  shDegree: number;
+  antialiased: boolean;
+  data: Layouts[L];
+}
+
+/** A sequence that is open. */
+export interface Sequence<L extends Layout = 'planar'> {
+  /** Frames per second. */
+  readonly fps: number;
+  /** Number of frames. */
+  readonly frames: number;
+  /** Bytes of the sequence. */
+  readonly length: number;
+  /** For each group, its first frame and the one behind its last. Groups are decoded whole, one at a time. */
+  readonly groups: { start: number; end: number }[];
+  /**
+   * A frame. The arrays of `reuse`, a frame that this gave before, become those of the new one; `reuse` has none then. Within
+   * a group only what moves is written.
+   */
+  frame(number: number, reuse?: Frame<L>): Promise<Frame<L>>;
+  /** Ends the workers; frames that were asked for are rejected. Node does not end before. */
+  close(): void;
+}
+
+/** Opens a sequence of frames. */
+export function loadSequence<L extends Layout = 'planar'>(source: Source, options?: SequenceOptions<L>): Promise<Sequence<L>>;
+
 /**
  * What went wrong. Codes: `not-gsvx`, `version`, `truncated`, `damaged`, `limit`, `http`, `network` (the source
  * cannot be read: a server, a file, a stream), `memory`, `option`, `failed`.

@@ -1,102 +1,35 @@
 // Decodes gsvx streams: https://github.com/gsvx/gsvx
 import { GsvxError } from './error.js';
 import { load } from './load.js';
+import { bounds, known, number, sendable } from './options.js';
+import { loadSequence } from './sequence.js';
+import { spawn } from './thread.js';
 
-export { GsvxError };
+export { GsvxError, loadSequence };
 
-const LAYOUTS = ['planar', 'packed', 'covariances'];
-
-function number(name, value, least, most) {
-  if (!(Number.isInteger(value) && value >= least && value <= most)) {
-    throw new GsvxError(`${name} is ${value}, must be a whole number from ${least} to ${most}`, { code: 'option' });
-  }
-  return value;
-}
-
-function limit(name, value) {
-  if (value !== undefined && !(typeof value === 'number' && value >= 0)) {
-    throw new GsvxError(`${name} is ${value}, must be a number that is not negative`, { code: 'option' });
-  }
-}
+const own = {
+  make: () => new Worker(new URL('./worker.js', import.meta.url), { type: 'module' }),
+  url: () => new URL('./worker.js', import.meta.url),
+};
 
 /** What a worker needs of the options, checked. */
 function checked({ layout = 'planar', maxShDegree = 3, lod = 0, salvage = false, limits = {}, request, onChunk, progressive = Boolean(onChunk), worker = true, workers = 1 }) {
-  if (!LAYOUTS.includes(layout)) {
-    throw new GsvxError(`layout is ${layout}, must be ${LAYOUTS.join(', ')}`, { code: 'option' });
-  }
+  known(layout);
   number('maxShDegree', maxShDegree, 0, 3);
   number('lod', lod, 0, 255);
   number('workers', workers, 1, 64);
   if (workers > 1 && !(onChunk && worker)) {
     throw new GsvxError('workers hand out chunks: give onChunk, and leave worker as it is', { code: 'option' });
   }
-  if (limits === null || typeof limits !== 'object') {
-    throw new GsvxError(`limits is ${limits}, must be an object with gaussians and bytes`, { code: 'option' });
-  }
-  const { gaussians, bytes } = limits;
-  limit('limits.gaussians', gaussians);
-  limit('limits.bytes', bytes);
   const whole = !onChunk;
-  return { layout, maxShDegree, lod, salvage: Boolean(salvage), limits: { gaussians, bytes }, request, whole, progressive: progressive && !whole };
-}
-
-/** A source that can go to a worker. */
-function sendable(source) {
-  if (typeof source === 'string' || source instanceof URL) {
-    try {
-      return new URL(source, globalThis.location?.href).href;
-    } catch {
-      throw new GsvxError(`${source} is not a URL`, { code: 'option' });
-    }
-  }
-  if (typeof Response !== 'undefined' && source instanceof Response) {
-    if (!source.ok) throw new GsvxError(`${source.url}: HTTP ${source.status}`, { code: 'http', status: source.status });
-    if (source.bodyUsed) throw new GsvxError(`${source.url}: the response has been read already`, { code: 'option' });
-    // An answer without a body is an empty stream.
-    return source.body ?? new Uint8Array();
-  }
-  if (source instanceof ReadableStream && source.locked) {
-    throw new GsvxError('the stream is being read already', { code: 'option' });
-  }
-  const known = source instanceof Blob || source instanceof ReadableStream || source instanceof ArrayBuffer ||
-    ArrayBuffer.isView(source);
-  if (!known) {
-    throw new GsvxError('a source is a URL, a Response, a Blob, a ReadableStream or bytes', { code: 'option' });
-  }
-  return source;
+  return { layout, maxShDegree, lod, salvage: Boolean(salvage), limits: bounds(limits), request, whole, progressive: progressive && !whole };
 }
 
 /** Whether each worker can read its own parts of a source. */
 const atHand = (source) => source instanceof Blob || source instanceof ArrayBuffer || ArrayBuffer.isView(source);
 
-/** Starts a worker; returns how to send to it, hear from it and end it. */
-async function spawn(make) {
-  if (typeof make === 'function' || typeof Worker !== 'undefined') {
-    const worker = typeof make === 'function' ? make()
-      : new Worker(new URL('./worker.js', import.meta.url), { type: 'module' });
-    return {
-      send: (message, transfer) => worker.postMessage(message, transfer),
-      hear(onMessage, onError) {
-        worker.onmessage = ({ data }) => onMessage(data);
-        worker.onerror = (event) => onError(new Error(event.message ?? 'the worker cannot be started'));
-      },
-      end: () => worker.terminate(),
-    };
-  }
-  const threads = await import(/* @vite-ignore */ /* webpackIgnore: true */ 'node:worker_threads');
-  const worker = new threads.Worker(new URL('./worker.js', import.meta.url));
-  return {
-    send: (message, transfer) => worker.postMessage(message, transfer),
-    hear(onMessage, onError) {
-      worker.on('message', onMessage);
-      worker.on('error', onError);
-    },
-    end: () => worker.terminate(),
-  };
-}
-
 async function inWorker(make, message, transfer, handle, signal) {
-  const worker = await spawn(make);
+  const worker = await spawn(make, own);
   let abort;
   try {
     return await new Promise((resolve, reject) => {
@@ -164,7 +97,7 @@ export async function decode(source, options = {}) {
   if (workers > 1 && !atHand(input)) {
     throw new GsvxError('several workers need bytes or a Blob: what arrives is decoded by one', { code: 'option' });
   }
-  const module = await load(wasm);
+  const module = await load(wasm, () => new URL('./wasm/gsvx_bg.wasm', import.meta.url));
   signal?.throwIfAborted();
   let scene;
   const handle = ({ type, ...message }) => {

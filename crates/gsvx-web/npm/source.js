@@ -4,6 +4,23 @@ import { GsvxError } from './error.js';
 /** Bytes of the first request when only a part of a remote stream is wanted. */
 const FIRST = 1 << 16;
 
+/** What gives ranges of a stream as far as it has them. */
+export function ranger(input) {
+  const length = input.length ?? Infinity;
+  return async (start, end) => (start < length ? input.range(start, Math.min(end, length)) : new Uint8Array(0));
+}
+
+/** The same for any source; one that comes in order is read whole. */
+export async function anyRange(input) {
+  if (!input.range) {
+    const pieces = [];
+    for await (const piece of input.pieces()) pieces.push(piece);
+    return anyRange(blob(new Blob(pieces)));
+  }
+  const [fetched, first = new Uint8Array()] = [ranger(input), input.first];
+  return async (start, end) => (end <= first.length ? first.subarray(start, end) : fetched(start, end));
+}
+
 /**
  * Opens a source. `length` is that of the stream if it is known; `pieces()` gives its bytes in order;
  * `range(start, end)` gives a part, where parts can be had. A source that is open is returned.

@@ -1,5 +1,7 @@
 #![doc = include_str!("../README.md")]
 
+#[cfg(feature = "sequence")]
+mod clip;
 mod error;
 mod head;
 mod layout;
@@ -9,6 +11,8 @@ mod model;
 mod outlook;
 mod stream;
 
+#[cfg(feature = "sequence")]
+pub use clip::Clip;
 #[cfg(feature = "page")]
 pub use model::WholeModel;
 #[cfg(feature = "page")]

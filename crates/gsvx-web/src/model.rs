@@ -6,9 +6,6 @@ use crate::outlook::{self, ENOUGH};
 use gs_model::{Invalid, ReadOptions, Scene, chain, model};
 use wasm_bindgen::prelude::*;
 
-/// Gaussians handed over at a time.
-const BLOCK: usize = 512;
-
 /// A model that was read whole.
 #[wasm_bindgen(js_name = Model)]
 #[derive(Debug)]
@@ -66,16 +63,11 @@ impl WholeModel {
         sh_degree: u8,
     ) -> Result<js_sys::Object, JsValue> {
         let first = first.min(self.scene.len());
-        let count = count.min(self.scene.len() - first);
+        let range = first..first + count.min(self.scene.len() - first);
         let sh_degree = sh_degree.min(self.scene.sh_degree);
         let arrays = js_sys::Object::new();
-        let mut out = layout::named(layout, &arrays, capacity.max(count), sh_degree)?;
-        for at in (0..count).step_by(BLOCK) {
-            let mut block = self.scene.emptied(self.scene.sh_degree);
-            block.append_range(&self.scene, first + at..first + count.min(at + BLOCK));
-            block.cut_sh(sh_degree);
-            out.put(at, &block);
-        }
+        let capacity = capacity.max(range.len());
+        layout::fill(&self.scene, range, &arrays, capacity, layout, sh_degree)?;
         Ok(arrays)
     }
 }

@@ -4,14 +4,11 @@
 //! Invariant: nothing panics on what JavaScript passes in. Numbers that are no offset of a stream are cut to
 //! one.
 
-use crate::layout;
+use crate::layout::{self, BLOCK};
 use crate::{error, head};
 use gs_model::Scene;
 use gsvx::Reader;
 use wasm_bindgen::prelude::*;
-
-/// Gaussians handed over at a time: they fit a core's cache.
-const BLOCK: usize = 512;
 
 /// A gsvx stream that arrives in parts.
 #[wasm_bindgen]

@@ -92,6 +92,30 @@ fn frames_without_a_common_gaussian_cost_what_they_cost_alone() {
 }
 
 #[test]
+fn what_moves_alone_and_what_does_not_make_the_frames() {
+    for births in [false, true] {
+        let still = common::scene(300, 1, 4);
+        let mut given = frames(600, 1, 5, births);
+        given.iter_mut().for_each(|frame| frame.append(&still));
+        let bytes = sequence(given, QUALITY, 5);
+        let sequence = Sequence::parse(&bytes).unwrap();
+        let whole = sequence.group(&bytes, 0, None).unwrap();
+        let (base, moving, alone) = sequence.group(&bytes, 0, None).unwrap().parted();
+        assert!(moving.is_sorted() && (500..base.len()).contains(&moving.len()));
+        for t in 0..5 {
+            let ((mut wanted, there), (some, some_there)) = (whole.all(t), alone.all(t));
+            for i in (0..base.len()).filter(|i| !moving.contains(i)) {
+                assert!(there[i] && wanted.select(&[i]) == base.select(&[i]));
+            }
+            assert!(moving.iter().map(|&i| there[i]).eq(some_there));
+            wanted.keep(&moving);
+            wanted.cut_sh(some.sh_degree);
+            assert_eq!(some, wanted);
+        }
+    }
+}
+
+#[test]
 fn frames_that_do_not_fit_are_refused() {
     let options = SequenceOptions::default();
     let mut encoder = SequenceEncoder::new(options).unwrap();

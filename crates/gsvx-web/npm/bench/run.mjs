@@ -28,7 +28,7 @@ const size = (name) => statSync(join(folder, name)).size;
 /** Compressed sizes of what a page has to load. */
 function packages() {
   const sum = (base, files) => files.reduce((n, f) => n + gzipSync(readFileSync(join(base, f)), { level: 9 }).length, 0);
-  const ours = sum(npm, ['index.js', 'core.js', 'worker.js', 'source.js', 'load.js', 'error.js', 'wasm/gsvx.js', 'wasm/gsvx_bg.wasm']);
+  const ours = sum(npm, ['index.js', 'core.js', 'worker.js', 'source.js', 'load.js', 'error.js', 'options.js', 'sequence.js', 'thread.js', 'wasm/gsvx.js', 'wasm/gsvx_bg.wasm']);
   return { ours, spz: sum(join(npm, 'node_modules/@adobe/spz/dist'), ['spz.js']) };
 }
 

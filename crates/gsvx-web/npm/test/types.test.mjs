@@ -19,7 +19,7 @@ test('the types of the decoder and the PlayCanvas adapter hold', { skip, timeout
     symlinkSync(join(import.meta.dirname, '../node_modules/gsvx'), join(folder, 'node_modules/gsvx'));
   }
   writeFileSync(join(folder, 'use.ts'), `
-import { decode, GsvxError, type Head, type Packed } from 'gsvx';
+import { decode, GsvxError, loadSequence, type Frame, type Head, type Packed } from 'gsvx';
 import { GSVXParser } from 'gsvx/playcanvas';
 import type { AppBase } from 'playcanvas';
 
@@ -30,11 +30,14 @@ const words: Uint32Array = packed.a;
 const result = await decode(fetch('x'), { layout: 'packed', onChunk: ({ data }) => { const d: Packed = data; void d; } });
 const head: Head = result.head;
 const skipped: string[] = result.skipped;
+const clip = await loadSequence('clip.gsvx', { layout: 'packed', workers: 2 });
+const frame: Frame<'packed'> = await clip.frame(0);
+const reused: Uint32Array = (await clip.frame(clip.groups[0].end - 1, frame)).data.a;
 // @ts-expect-error there is no such layout
 await decode('x', { layout: 'sideways' });
 export const parser = (app: AppBase) => new GSVXParser(app, { maxShDegree: 1 });
 export const code = (e: unknown) => e instanceof GsvxError ? e.code : '';
-export { means, words, head, skipped };
+export { means, reused, words, head, skipped };
 `);
   const args = ['--noEmit', '--strict', '--skipLibCheck', '--preserveSymlinks', '--module', 'nodenext', '--target', 'es2022', '--lib', 'es2022,dom,esnext.disposable', 'use.ts'];
   const { status, stdout } = spawnSync(tsc, args, { cwd: folder, encoding: 'utf8' });

@@ -1,6 +1,6 @@
 // In the worker: a stream of which the page asks for some chunks, as its camera moves.
-import { Decoding, ranger, readHead } from '../core.js';
-import { open } from '../source.js';
+import { Decoding, readHead } from '../core.js';
+import { open, ranger } from '../source.js';
 import { Stream } from '../wasm/gsvx.js';
 
 /** Requests that are under way at once. */

@@ -13,6 +13,9 @@ use gs_model::Scene;
 use js_sys::Object;
 use wasm_bindgen::JsValue;
 
+/// Gaussians handed over at a time: they fit a core's cache.
+pub(crate) const BLOCK: usize = 512;
+
 /// Arrays that are being filled.
 pub(crate) trait ArrayLayout {
     /// Puts Gaussians at `first` and behind it. Their SH degree is the layout's.
@@ -35,4 +38,24 @@ pub(crate) fn named(
             return Err(error::object(&message, "option").into());
         }
     })
+}
+
+/// Puts some Gaussians of a scene at the beginning of arrays; `sh_degree` is at most that of the scene.
+#[cfg(feature = "sequence")]
+pub(crate) fn fill(
+    scene: &Scene,
+    range: std::ops::Range<usize>,
+    arrays: &Object,
+    capacity: usize,
+    layout: &str,
+    sh_degree: u8,
+) -> Result<(), JsValue> {
+    let mut out = named(layout, arrays, capacity, sh_degree)?;
+    let mut block = scene.emptied(sh_degree);
+    for first in range.clone().step_by(BLOCK) {
+        block.clear();
+        block.append_range(scene, first..range.end.min(first + BLOCK));
+        out.put(first - range.start, &block);
+    }
+    Ok(())
 }

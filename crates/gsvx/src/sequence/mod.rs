@@ -183,15 +183,39 @@ impl Frames {
     /// If there is no such frame.
     #[must_use]
     pub fn frame(&self, number: usize) -> Scene {
+        let (mut scene, there) = self.all(number);
+        if there.contains(&false) {
+            scene.keep(&(0..there.len()).filter(|&i| there[i]).collect::<Vec<_>>());
+        }
+        scene
+    }
+
+    /// All Gaussians of the group as they are in a frame, and which of them are there.
+    ///
+    /// # Panics
+    /// If there is no such frame.
+    #[must_use]
+    pub fn all(&self, number: usize) -> (Scene, Vec<bool>) {
         assert!(number < self.frames, "no frame {number}");
         let mut scene = self.scene.clone();
         self.motions.iter().for_each(|motion| motion.apply(number, &mut scene));
-        let mut alive = vec![true; scene.len()];
-        self.motions.iter().for_each(|motion| motion.mark(number, &mut alive));
-        if alive.contains(&false) {
-            scene.keep(&(0..alive.len()).filter(|&i| alive[i]).collect::<Vec<_>>());
+        let mut there = vec![true; scene.len()];
+        self.motions.iter().for_each(|motion| motion.mark(number, &mut there));
+        (scene, there)
+    }
+
+    /// For a player, which writes only what changes: the group without motion, the numbers of the Gaussians that are not
+    /// alike in all frames, and the frames of these alone, up to the highest SH degree that moves.
+    #[must_use]
+    pub fn parted(mut self) -> (Scene, Vec<usize>, Self) {
+        let mut moving = Vec::new();
+        for motion in &mut self.motions {
+            let first = moving.len();
+            moving.extend(motion.alone(first));
         }
-        scene
+        let mut scene = self.scene.select(&moving);
+        scene.cut_sh(self.motions.iter().map(Motion::sh_degree).max().unwrap_or(0));
+        (self.scene, moving, Self { scene, motions: self.motions, frames: self.frames })
     }
 }
 

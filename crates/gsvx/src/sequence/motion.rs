@@ -234,6 +234,33 @@ impl Motion {
         }
     }
 
+    /// Leaves only the leaves that are not alike in all frames, the first of them at `first`. Returns where they were.
+    pub(crate) fn alone(&mut self, first: usize) -> Vec<usize> {
+        let alive = self.alive.chunks_exact(self.frames);
+        let mut leaves: Vec<u32> = flagged(&alive.map(|a| a.contains(&false)).collect::<Vec<_>>());
+        leaves.extend(self.moving.iter().flat_map(|moving| &moving.leaves));
+        leaves.sort_unstable();
+        leaves.dedup();
+        for leaf in self.moving.iter_mut().flat_map(|moving| &mut moving.leaves) {
+            *leaf = leaves.partition_point(|other| other < leaf) as u32;
+        }
+        if !self.alive.is_empty() {
+            let alive = |&i: &u32| &self.alive[i as usize * self.frames..][..self.frames];
+            self.alive = leaves.iter().flat_map(alive).copied().collect();
+        }
+        let before = std::mem::replace(&mut self.first, first);
+        leaves.iter().map(|&i| before + i as usize).collect()
+    }
+
+    /// Highest SH degree that moves.
+    pub(crate) fn sh_degree(&self) -> u8 {
+        let degree = |moving: &Moving| match moving.group.attribute {
+            Attribute::Colour { degree } => degree,
+            _ => 0,
+        };
+        self.moving.iter().map(degree).max().unwrap_or(0)
+    }
+
     /// Sets which Gaussians of the scene are there in a frame, as far as they are the chunk's.
     pub(crate) fn mark(&self, frame: usize, alive: &mut [bool]) {
         let own = alive[self.first..].iter_mut().zip(self.alive.chunks_exact(self.frames));
