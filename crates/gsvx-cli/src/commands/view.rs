@@ -7,7 +7,6 @@ mod start;
 mod stream_maker;
 
 use crate::exit::note;
-use crate::frame_source;
 use crate::input;
 use crate::interrupt;
 use crate::report::Reporter;
@@ -25,6 +24,7 @@ use stream_maker::{EncodeArgs, StreamMaker};
 pub(crate) const EXAMPLES: &str = "\
 Examples:
   gsvx view scene.gsvx
+  gsvx view clip.gsvx                        plays a sequence
   gsvx view scene.gsvx point_cloud.ply       side by side, with a line to move
   gsvx view city.gsvx --budget 500k          for a phone or an old machine
   gsvx view point_cloud.ply --encode         choose a quality by eye, and save the stream
@@ -56,14 +56,8 @@ pub(crate) fn run(args: &ViewArgs, report: Reporter) -> Result<()> {
     for file in &args.files {
         input::open(file)?;
         ensure!(
-            !frame_source::is_file(file),
-            "{}: a sequence of frames; write one with gsvx decode --frame 0 to view it",
-            file.display()
-        );
-        ensure!(
             TimedModel::open(file, &ReadOptions::default())?.is_none(),
-            "{}: Gaussians that move by formulas; make a sequence with gsvx encode --fps, and write a frame of it with \
-             gsvx decode --frame 0 to view it",
+            "{}: Gaussians that move by formulas; make a sequence with gsvx encode --fps to view it",
             file.display()
         );
     }

@@ -1,7 +1,7 @@
 // The viewer page in Chromium, served by `gsvx view` and opened by itself.
 import assert from 'node:assert/strict';
 import { spawn } from 'node:child_process';
-import { mkdtempSync, readFileSync, rmSync, writeFileSync } from 'node:fs';
+import { cpSync, mkdtempSync, readFileSync, rmSync, writeFileSync } from 'node:fs';
 import { tmpdir } from 'node:os';
 import { join } from 'node:path';
 import { afterEach, test } from 'node:test';
@@ -52,6 +52,35 @@ test('gsvx view opens a stream at the first camera beside it', { skip, timeout: 
     child.kill('SIGINT');
   }
   assert.equal(await new Promise((resolve) => child.on('exit', resolve)), 0);
+});
+
+test('a sequence plays, and pauses and seeks by mouse and keys', { skip, timeout: 400000 }, async () => {
+  cpSync(join(root, 'fixtures/sequences/tracked.gsvx'), join(folder, 'tracked.gsvx'));
+  const viewer = await page(local({ url: 'tracked.gsvx' }));
+  const number = () => viewer.evaluate(() => window.gsvx.player.clips[0].shown.number);
+  const playing = () => viewer.evaluate(() => window.gsvx.player.isPlaying);
+  await viewer.waitForFunction(() => window.gsvx.player.clips[0]?.shown?.number > 2);
+  assert.ok(await playing());
+  await viewer.click('#play');
+  for (const frame of [3, 9, 11, 0]) {
+    await viewer.locator('#time').fill(`${frame}`);
+    await viewer.waitForFunction((n) => window.gsvx.player.clips[0].shown.number === n, frame);
+  }
+  await viewer.focus('#time');
+  await viewer.keyboard.press('ArrowRight');
+  await viewer.waitForFunction(() => window.gsvx.player.clips[0].shown.number === 1);
+  assert.equal(await text(viewer, 'count'), '400');
+  assert.ok(!(await playing()));
+  await viewer.keyboard.press('Space');
+  await viewer.waitForFunction(() => window.gsvx.player.clips[0].shown.number > 4);
+  await viewer.keyboard.press('Space');
+  assert.ok(!(await playing()) && (await number()) > 4);
+  await shot(viewer, 'viewer-sequence');
+  // What is opened next is no sequence.
+  await viewer.evaluate(() => window.gsvx.open('room.gsvx', 'room.gsvx', 0));
+  await loaded(viewer);
+  assert.ok(!(await viewer.locator('#player').isVisible()));
+  assert.deepEqual(quiet(viewer), []);
 });
 
 /** A sphere of Gaussians as a .splat, away from the origin, and a few black ones far around it. */

@@ -5,11 +5,11 @@ import { join } from 'node:path';
 
 const here = import.meta.dirname;
 
-// The decoder in core.js is the page's own.
+// The decoders in core.js and player.js are the page's own.
 const decoder = {
   name: 'decoder',
   setup({ onResolve }) {
-    onResolve({ filter: /\/wasm\/gsvx\.js$/ }, () => ({ path: join(here, 'wasm/gsvx.js') }));
+    onResolve({ filter: /\/wasm\/(gsvx|sequence)\.js$/ }, () => ({ path: join(here, 'wasm/gsvx.js') }));
   },
 };
 
@@ -24,11 +24,11 @@ async function bundle(entry, define, format) {
 
 /** The text of a page. `define` gives its script constants, as JSON. */
 export async function page(name, define = {}) {
-  const worker = await bundle('worker.js', { 'import.meta.url': '""' }, 'iife');
+  const [worker, player] = await Promise.all(['worker.js', '../sequence-worker.js'].map((entry) => bundle(entry, { 'import.meta.url': '""' }, 'iife')));
   const wasm = readFileSync(join(here, 'wasm/gsvx_bg.wasm')).toString('base64');
   const html = readFileSync(join(here, name), 'utf8');
   const [tag, main] = /<script type="module" src="(.*)"><\/script>/.exec(html);
-  const script = await bundle(main, { WORKER: JSON.stringify(worker), WASM: JSON.stringify(wasm), ...define }, 'esm');
+  const script = await bundle(main, { WORKER: JSON.stringify(worker), PLAYER: JSON.stringify(player), WASM: JSON.stringify(wasm), ...define }, 'esm');
   return html
     .replace(/<link rel="stylesheet" href="(.*)">/g, (_, style) => `<style>\n${readFileSync(join(here, style), 'utf8')}</style>`)
     .replace(tag, () => `<script type="module">${script.replaceAll('</script', '<\\/script')}</script>`);

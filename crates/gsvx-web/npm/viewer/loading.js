@@ -1,10 +1,17 @@
 // Loads a scene in a worker of its own. Worker and decoder are in the page: build.mjs puts them there.
 import { GsvxError } from '../error.js';
+import { loadSequence } from '../sequence.js';
 
-/* global WORKER, WASM */
+/* global WORKER, PLAYER, WASM */
 const bytes = Uint8Array.from(atob(WASM), (c) => c.charCodeAt(0));
 const module = WebAssembly.compile(bytes);
-const script = URL.createObjectURL(new Blob([WORKER], { type: 'text/javascript' }));
+const url = (text) => URL.createObjectURL(new Blob([text], { type: 'text/javascript' }));
+const [script, player] = [url(WORKER), url(PLAYER)];
+
+/** Opens a sequence, in the layout that the page draws. The next group is decoded while one is played. */
+export async function clip(source, signal) {
+  return loadSequence(source, { layout: 'packed', signal, workers: 2, worker: () => new Worker(player), wasm: await module });
+}
 
 /**
  * Loads `source`, a URL or a file. `handle` gets its messages, and a function that asks for chunks if the scene is larger

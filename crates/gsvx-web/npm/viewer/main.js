@@ -1,5 +1,6 @@
 // The viewer page: opens scenes, and shows what is known of them.
 import { Encode } from './encode.js';
+import { Player } from './play.js';
 import { Stage, size } from './stage.js';
 
 const $ = (id) => document.getElementById(id);
@@ -9,6 +10,8 @@ const numbers = new Intl.NumberFormat('en');
 const BUDGET = 2_000_000;
 const stage = (window.gsvx = new Stage({ show, say, background: query.get('background'), budget: Number(query.get('budget')) || BUDGET }));
 const { camera, slots } = stage;
+const player = (stage.player = new Player(stage));
+stage.play = (slot) => player.open(slot);
 
 /** Whether the panel is put away. */
 let isHidden = false;
@@ -107,6 +110,7 @@ function listen() {
     if (event.target.closest?.('input, select') || event.ctrlKey || event.metaKey) return;
     if (event.code !== 'KeyH') return;
     isHidden = !isHidden;
+    document.body.classList.toggle('bare', isHidden);
     show();
   });
 }

@@ -50,6 +50,7 @@ export class Slot {
       if (message.detail) this.detail = new Detail(message.head, { budget: stage.budget, view, ask });
     } else if (type === 'progress') Object.assign(this, message);
     else if (type === 'view') this.frame(message);
+    else if (type === 'sequence') stage.play?.(this);
     else if (type === 'note') stage.say(`${name}: ${message.text}`);
     else if (type === 'loaded') {
       if (message.skipped.length) stage.say(`${name}: ${message.skipped[0]}`);

@@ -1,6 +1,7 @@
 // One loading in a thread of its own: a stream, or a model in another format, which is read whole.
 import { GsvxError } from '../error.js';
 import { ready, run } from '../core.js';
+import { openPlayer } from '../player.js';
 import { open } from '../source.js';
 import { Levels, gaussians, peek } from './levels.js';
 import { Model, outlook } from '../wasm/gsvx.js';
@@ -32,11 +33,31 @@ async function stream(source, options) {
   return result;
 }
 
+/** Loads the first frame of a sequence; `thrown` is why the source is no stream. The page plays the rest. */
+async function sequence(source, thrown) {
+  const player = await openPlayer({ source, options: { layout: 'packed', maxShDegree: 3, limits: {} } }).catch((error) => {
+    throw error.code === 'damaged' ? thrown : error;
+  });
+  const { count, shDegree, antialiased, data } = await player.frame(0);
+  const { length } = player.head;
+  postMessage({ type: 'head', head: { count, total: count, shDegree, antialiased, lods: 1, lod: 0, length, chunks: [] } });
+  view(true);
+  postMessage({ type: 'chunk', id: 'frame', replaces: [], lod: 0, shDegree, count, data }, Object.values(data).map((array) => array.buffer));
+  postMessage({ type: 'sequence' });
+  return { skipped: [], received: length };
+}
+
 let levels;
 
 /** Loads a stream: all of it, or with levels of detail and more Gaussians than the budget what the page asks for. */
 async function scene(source, { budget, ...options }) {
-  const { head, input, stop } = await peek(source, options.lod > 0);
+  let peeked;
+  try {
+    peeked = await peek(source, options.lod > 0);
+  } catch (thrown) {
+    return sequence(source, thrown);
+  }
+  const { head, input, stop } = peeked;
   const lod = head && Math.min(options.lod, head.lods - 1);
   if (!head || gaussians(head, lod) <= budget) return stream(input, options);
   const inParts = lod < head.lods - 1 && (input.range ? input : await open(source, { part: true }));
