@@ -3,9 +3,7 @@
 
 mod common;
 
-use common::{
-    decoding, encode, encoding, leaves, on_threads, room, scene, trained_scene, with_floaters,
-};
+use common::{decoding, encode, encoding, leaves, room, scene, trained_scene, with_floaters};
 use gs_model::Scene;
 use gsvx::{Encoded, Kind, decode, decode_leaves, decode_with};
 
@@ -112,17 +110,6 @@ fn a_coarse_gaussian_lies_among_those_it_stands_for() {
     let farthest = coarse.means.iter().step_by(17).map(width).fold(0.0, f64::max);
     let smallest_coarse_cell = cube.side / f64::from(1u32 << h);
     assert!(farthest < cube.side / 8.0, "{farthest} with cells from {smallest_coarse_cell}");
-}
-
-#[test]
-fn any_thread_count_gives_the_same_bytes() {
-    let scene = scene(5000, 1, 4);
-    let options = encoding(|o| (o.lod, o.chunk_leaves) = (true, leaves(60)));
-    let coded = |threads| on_threads(threads, || encode(&scene, &options).unwrap().bytes);
-    let one = coded(1);
-    for threads in [2, 3, 8] {
-        assert!(one == coded(threads), "{threads} threads");
-    }
 }
 
 /// Levels cost at most 8 % of the stream, and the coarsest is at most 8 % of it.
