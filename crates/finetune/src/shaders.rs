@@ -15,9 +15,11 @@ pub(crate) const RADIX_BLOCK: u32 = 1024;
 /// Values that one workgroup of the scan handles.
 pub(crate) const SCAN_BLOCK: u32 = 1024;
 /// Sums of a record of `blend_adjoint`, and of one of `removal`.
-const SUMS: [u32; 2] = [7, 2];
+const SUMS: [u32; 2] = [9, 2];
+/// Floats of a Gaussian in the buffer `geo`.
+pub(crate) const GEO: u32 = 11;
 /// Splats whose partial sums they keep in workgroup memory: the most that fit in 16 KiB, and that a word has bits for.
-const RECORD_BATCH: [u32; 2] = [16, 32];
+const RECORD_BATCH: [u32; 2] = [13, 32];
 /// Blocks of a tile, two columns of four, in `blend` and `blend_adjoint`; four lanes share a block.
 const BLOCKS: u32 = 8;
 /// Lanes of a tile, which are those of a workgroup.
@@ -43,7 +45,7 @@ pub struct Shader {
 
 const PRELUDE: &str = include_str!("stages/math/prelude.wgsl");
 const SCALAR: &str = include_str!("stages/math/scalar.wgsl");
-/// Parameters of a Gaussian, its projection, its `Frame` in a view, and the SH basis. Needs the buffers `means` and
+/// Parameters of a Gaussian, its projection, its `Frame` in a view, and the SH basis. Needs the buffer
 /// `geo`, and [`STEP`].
 pub const GAUSSIAN: &str = concat!(
     include_str!("stages/math/scalar.wgsl"),
@@ -160,7 +162,8 @@ impl Shader {
             out.push_str(part);
         }
         let taps: Vec<String> = taps().iter().map(|&t| exact(t as f32)).collect();
-        let (sums, of_step) = if self.removal { ("0 1", "") } else { ("0 1 2 3 4 5 6", "once") };
+        let (sums, of_step) =
+            if self.removal { ("0 1", "") } else { ("0 1 2 3 4 5 6 7 8", "once") };
         repeat(
             &out.replace("SSIM_TAPS", &taps.join(", "))
                 .replace("EACH_SUM", sums)
@@ -182,6 +185,7 @@ impl Shader {
             ("RECORD_BATCH", RECORD_BATCH[usize::from(self.removal)]),
             ("RECORD_WORDS", record_words(self.removal)),
             ("TILE_LANES", TILE_LANES),
+            ("GEO", GEO),
             ("RUN", LOSS_RUN),
             ("CULLED", CULLED),
         ] {

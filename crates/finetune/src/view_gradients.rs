@@ -159,12 +159,12 @@ impl ViewGradients {
         }
     }
 
-    /// What the stage `gather` found at the last view, means frozen.
+    /// What the stage `gather` found at the last view, means moving.
     #[cfg(all(test, feature = "gpu"))]
-    pub(crate) fn sums(&self) -> Vec<[f32; 7]> {
+    pub(crate) fn sums(&self) -> Vec<[f32; MOVING]> {
         match &self.pass {
-            Pass::Frozen(pass) => pass.all_sums(),
-            Pass::Moving(_) => Vec::new(),
+            Pass::Frozen(_) => Vec::new(),
+            Pass::Moving(pass) => pass.all_sums(),
         }
     }
 

@@ -106,7 +106,7 @@ impl Course {
         let stage = std::mem::replace(&mut self.stage, stage::before_pruning(Scene::default()));
         let mut state = match stage {
             Stage::Round { mut recovery, .. } => {
-                stage::codec_loop(self.plan(), goal, views, &recovery.optimiser.take_scene())?
+                stage::codec_loop(self.plan(), goal, views, &recovery.take_scene()?)?
             }
             Stage::Loop(state) => state,
         };
@@ -143,7 +143,7 @@ impl Work for Course {
         match &mut self.stage {
             Stage::Round { recovery, .. } if recovery.done < recovery.steps => Ok(None),
             Stage::Round { round, recovery } => {
-                let (round, scene) = (*round, recovery.optimiser.take_scene());
+                let (round, scene) = (*round, recovery.take_scene()?);
                 if round < self.plan().rounds {
                     let kept = self.pruned(views, &scene, round + 1)?;
                     self.stage = stage::round(self.plan(), views, kept, round + 1);
@@ -160,7 +160,10 @@ impl Work for Course {
     /// A checkpoint does not hold the predictions of the codec, so it is made where they are fitted.
     fn due(&self) -> bool {
         match &self.stage {
-            Stage::Round { recovery, .. } => recovery.done.is_multiple_of(FITTED),
+            // Fetching all parameters and moments from a device would cost as much as the steps.
+            Stage::Round { recovery, .. } => {
+                recovery.done.is_multiple_of(FITTED) && !recovery.on_device()
+            }
             Stage::Loop(state) => state.at_fit(),
         }
     }
@@ -185,29 +188,36 @@ impl Work for Course {
         steering::steer(state, self.goal.target, psnr)
     }
 
-    /// The steps between rounds of pruning are on the processor.
     fn place(&mut self, views: &mut Views) -> Result<()> {
         #[cfg(feature = "gpu")]
-        if let Stage::Loop(state) = &mut self.stage {
-            let on = (finetune::Adapter::Hardware, finetune::kernels::PAGE_GAUSSIANS);
-            return state.place(on, &mut views.gradients);
+        {
+            let on = views.summed.adapter()?;
+            match &mut self.stage {
+                Stage::Round { recovery, .. } => recovery.place(on, &views.gradients)?,
+                Stage::Loop(state) => {
+                    let most = finetune::kernels::PAGE_GAUSSIANS;
+                    state.place((on, most), &mut views.gradients)?;
+                }
+            }
         }
         let _ = views;
         Ok(())
     }
 
     fn step(&mut self, views: &mut Views, view: usize) -> Result<f64> {
-        let loss = match &mut self.stage {
-            Stage::Round { recovery, .. } => recovery.step(&mut views.gradients, view),
-            Stage::Loop(state) => state.step(&mut views.gradients, view)?,
-        };
-        Ok(loss.psnr())
+        match &mut self.stage {
+            Stage::Round { recovery, .. } => {
+                recovery.step(&mut views.gradients, view)?;
+                Ok(recovery.psnr)
+            }
+            Stage::Loop(state) => Ok(state.step(&mut views.gradients, view)?.psnr()),
+        }
     }
 
     fn fetch(&mut self, _: &Views) -> Result<()> {
         match &mut self.stage {
             Stage::Loop(state) => state.leave_device(),
-            Stage::Round { .. } => Ok(()),
+            Stage::Round { recovery, .. } => recovery.leave_device(),
         }
     }
 

@@ -35,8 +35,9 @@ pub(crate) fn round(plan: &TunePlan, views: &mut Views, kept: Scene, round: u64)
 }
 
 /// Rates that do not fall: the next round or the loop goes on from here.
-fn steady(recovery: SceneLoop) -> Box<SceneLoop> {
-    Box::new(SceneLoop { held: recovery.steps, ..recovery })
+fn steady(mut recovery: SceneLoop) -> Box<SceneLoop> {
+    recovery.held = recovery.steps;
+    Box::new(recovery)
 }
 
 /// Voxelizes and puts the codec into the loop.

@@ -2,7 +2,7 @@
 
 #[cfg(feature = "gpu")]
 use finetune::Adapter;
-use finetune::{Backend, BackendReport, Image, Removal, Visibility, backend, removal};
+use finetune::{Backend, Image, Removal, Visibility, backend, removal};
 use gs_model::{Camera, Scene};
 
 use crate::error::Result;
@@ -16,6 +16,7 @@ pub(crate) struct Summed {
     #[cfg(feature = "gpu")]
     may_fall_back: bool,
     /// Why the adapter failed, after which the processor goes on.
+    #[cfg(feature = "gpu")]
     failed: Option<String>,
 }
 
@@ -37,6 +38,15 @@ impl Summed {
         Ok(Self { adapter, may_fall_back: wanted == Backend::Auto, failed: None })
     }
 
+    /// The adapter, for the steps.
+    ///
+    /// # Errors
+    /// Why it failed.
+    pub(crate) fn adapter(&self) -> Result<Adapter> {
+        let reason = || self.failed.clone().unwrap_or_else(|| "no adapter".into());
+        Ok(self.adapter.ok_or_else(|| finetune::Error::Gpu { reason: reason() })?)
+    }
+
     /// What the adapter finds, if there is one and it works.
     fn on_adapter<T>(
         &mut self,
@@ -54,14 +64,6 @@ impl Summed {
 }
 
 impl Summed {
-    /// Says in the report of a run that the processor took the sums over, if it did.
-    pub(crate) fn add_to(&self, report: &mut BackendReport) {
-        if let Some(reason) = &self.failed {
-            report.reason +=
-                &format!("; removal effects on the processor: the GPU failed ({reason})");
-        }
-    }
-
     /// Removal effects in the views of these cameras. `seen` gets the number and the render of each; after a failure of
     /// an adapter it gets them again from the first on.
     pub(crate) fn removal(
@@ -122,10 +124,8 @@ mod tests {
         assert_eq!(on(true).on_adapter(|_| Ok(3)).unwrap(), Some(3));
         let mut auto = on(true);
         assert_eq!(auto.on_adapter(fails).unwrap(), None);
-        assert!(auto.adapter.is_none());
-        let mut report = BackendReport { used: Backend::Gpu, reason: "gpu".into() };
-        auto.add_to(&mut report);
-        assert!(report.reason.ends_with("the GPU failed (lost)"), "{}", report.reason);
+        let error = auto.adapter().unwrap_err();
+        assert!(error.to_string().contains("lost"), "{error}");
         assert_eq!(auto.on_adapter(|_| Ok(3)).unwrap(), None);
         assert!(on(false).on_adapter(fails).is_err());
     }

@@ -119,6 +119,12 @@ impl Trainer {
         })
     }
 
+    /// Lets the processor go on if a GPU fails.
+    #[cfg(all(test, feature = "gpu"))]
+    pub(crate) fn may_fall_back(&mut self) {
+        self.kept = Some(Vec::new());
+    }
+
     /// Goes on from the checkpoint. False if there is none.
     pub(crate) fn resume(&mut self, work: &mut impl Work) -> Result<bool> {
         let Some(path) = self.checkpoint.clone().filter(|p| p.exists()) else { return Ok(false) };

@@ -1,8 +1,10 @@
 //! [`DeviceOptimiser`]: the fine-tune's steps on the device.
 
+use gs_model::Scene;
+
 use super::device::Context;
 use super::passes::STEP;
-use super::steps::DeviceSteps;
+use super::steps::{DeviceSteps, Moved};
 use super::uniform::StepUniform;
 use crate::error::Result;
 use crate::optimiser::{Adam, SceneOptimiser};
@@ -10,10 +12,11 @@ use crate::options::{LearningRates, Loss};
 use crate::stages::loss::ViewLoss;
 use crate::view_gradients::PreparedView;
 
-/// A [`SceneOptimiser`] on a graphics adapter. Means stay where they are.
+/// A [`SceneOptimiser`] on a graphics adapter. Each step moves every row, so none has to catch up.
 pub struct DeviceOptimiser {
     steps: DeviceSteps,
     rates: LearningRates,
+    mean_rate: f32,
     /// Number of the last step.
     made: u64,
 }
@@ -25,10 +28,10 @@ impl DeviceOptimiser {
         views: &[PreparedView],
         loss: Loss,
     ) -> Result<Self> {
-        let steps = DeviceSteps::new(context, from.scene(), views, loss, None)?;
+        let steps = DeviceSteps::new(context, from.scene(), (views, loss), Moved::ByAdam)?;
         let [rows, first, second] = &from.state();
-        steps.workspace.upload([rows, first, second]);
-        Ok(Self { steps, rates: *from.rates(), made: from.made.0 })
+        steps.workspace.upload(&[rows, first, second]);
+        Ok(Self { steps, rates: from.rates, mean_rate: from.mean_rate, made: from.made.0 })
     }
 
     /// Submits step number `number`, counted from 1, at a view. It does not wait for the device.
@@ -36,7 +39,8 @@ impl DeviceOptimiser {
     /// # Errors
     /// [`crate::Error::Gpu`].
     pub fn step(&mut self, view: usize, number: u64, decay: f32) -> Result<()> {
-        let u = self.steps.uniform(view, number).with_adam(&self.rates, number, decay);
+        let rates = (&self.rates, self.mean_rate);
+        let u = self.steps.uniform(view, number).with_adam(rates, number, decay);
         self.made = number;
         self.steps.step(view, u, &STEP)
     }
@@ -55,8 +59,17 @@ impl DeviceOptimiser {
     /// [`crate::Error::Gpu`].
     pub fn fetch(&mut self, out: &mut SceneOptimiser) -> Result<()> {
         self.steps.settle()?;
-        out.set_state(self.steps.workspace.download()?, self.made);
+        let [rows, first, second] = [0, 1, 2].map(|which| self.steps.workspace.download(which));
+        out.set_state([rows?, first?, second?], self.made);
         Ok(())
+    }
+
+    /// The scene as it is, with the lengths of `like`. Waits for the device.
+    ///
+    /// # Errors
+    /// [`crate::Error::Gpu`].
+    pub fn scene(&mut self, like: Scene) -> Result<Scene> {
+        self.steps.scene(like)
     }
 
     /// Bytes of all buffers on the device.
@@ -78,11 +91,17 @@ impl DeviceOptimiser {
 
 impl StepUniform {
     /// With Adam's rates at a step.
-    pub(crate) fn with_adam(mut self, r: &LearningRates, number: u64, decay: f32) -> Self {
+    pub(crate) fn with_adam(
+        mut self,
+        (r, mean_rate): (&LearningRates, f32),
+        number: u64,
+        decay: f32,
+    ) -> Self {
         let (inverse_bias1, inv_sqrt_bias2) = Adam::new(number).corrections();
         let rate = |r: f32| r * decay * inverse_bias1;
         self.rates = [r.sh_dc, r.sh_rest, r.opacity, r.log_scale].map(rate);
-        (self.rotation_rate, self.inv_sqrt_bias2) = (rate(r.rotation), inv_sqrt_bias2);
+        (self.rotation_rate, self.mean_rate) = (rate(r.rotation), rate(mean_rate));
+        self.inv_sqrt_bias2 = inv_sqrt_bias2;
         self
     }
 }

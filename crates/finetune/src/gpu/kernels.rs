@@ -5,11 +5,11 @@ use gs_model::Scene;
 use super::device::Context;
 use super::passes::{KERNEL_STEP, MAKING_STEP};
 use super::program::{Call, Program};
-use super::steps::DeviceSteps;
+use super::steps::{DeviceSteps, Moved};
 use super::workspace::Workspace;
 use crate::error::{Error, Result};
-use crate::optimiser::{Adam, SceneOptimiser, rows_of};
-use crate::options::{LearningRates, Loss};
+use crate::optimiser::{Adam, rows_of};
+use crate::options::Loss;
 use crate::stages::loss::ViewLoss;
 use crate::view_gradients::PreparedView;
 
@@ -60,7 +60,6 @@ pub struct KernelStep {
 pub struct KernelLoop {
     steps: DeviceSteps,
     pages: Vec<LoopPage>,
-    weights: Vec<f32>,
 }
 
 /// The uniform of a page, and its buffers with their lengths.
@@ -81,13 +80,11 @@ impl KernelLoop {
         context: Context,
         scene: &Scene,
         program: &Program,
-        (views, loss): (&[PreparedView], Loss),
+        views: (&[PreparedView], Loss),
     ) -> Result<Self> {
-        let mut steps = DeviceSteps::new(context, scene, views, loss, Some(program))?;
+        let mut steps = DeviceSteps::new(context, scene, views, Moved::ByKernels(program))?;
         let workspace = &mut steps.workspace;
-        let rows = rows_of(scene);
-        let still = vec![0.0; rows.len()];
-        workspace.upload([&rows, &still, &still]);
+        workspace.upload(&[&rows_of(scene)]);
         let mut pages = Vec::new();
         for (number, page) in program.pages.iter().enumerate() {
             let uniform = workspace.context.uniform(program.uniform, 4 * page.uniform.len());
@@ -98,8 +95,7 @@ impl KernelLoop {
             workspace.after.extend(calls);
             pages.push(LoopPage { uniform, buffers: page.buffers.clone() });
         }
-        let weights = views.iter().map(|v| v.weight).collect();
-        let mut this = Self { steps, pages, weights };
+        let mut this = Self { steps, pages };
         for (number, page) in program.pages.iter().enumerate() {
             this.set_uniform(number, &page.uniform)?;
         }
@@ -166,7 +162,6 @@ impl KernelLoop {
         let mut u = self.steps.uniform(step.view, step.number);
         u.rates = step.rates.map(|r| r * inverse_bias1);
         u.inv_sqrt_bias2 = inv_sqrt_bias2;
-        u.view_weight = self.weights[step.view % self.weights.len()];
         u.extra = step.extra;
         self.steps.step(step.view, u, if step.made { &MAKING_STEP } else { &KERNEL_STEP })
     }
@@ -184,9 +179,6 @@ impl KernelLoop {
     /// # Errors
     /// [`Error::Gpu`].
     pub fn scene(&mut self, like: Scene) -> Result<Scene> {
-        self.steps.settle()?;
-        let mut out = SceneOptimiser::new(like, LearningRates::default(), 0.0);
-        out.set_state(self.steps.workspace.download()?, 0);
-        Ok(out.take_scene())
+        self.steps.scene(like)
     }
 }

@@ -4,16 +4,16 @@ use super::sizes::Lengths;
 use crate::error::{Error, Result};
 use crate::shaders::{Shader, bindings};
 
-/// Buffers of this crate that kernels may bind: means, opacity with log-scales and quaternion, SH, and the derivatives
+/// Buffers of this crate that kernels may bind: opacity with log-scales, quaternion and mean, SH, and the derivatives
 /// that the stage `gather` leaves.
-const SHARED: [&str; 4] = ["means", "geo", "sh", "sums"];
+const SHARED: [&str; 3] = ["geo", "sh", "sums"];
 
 /// Kernels, their buffers, and when they run.
 pub struct Program {
     /// WGSL text that all shaders share.
     pub shared: String,
-    /// The kernels. A variable is bound to the buffer of its name: one of [`ProgramPage::buffers`], or `means`, `geo`,
-    /// `sh`, `sums`. The uniforms `u` and `page` are those of the step and of the page, `call` holds [`Call::words`],
+    /// The kernels. A variable is bound to the buffer of its name: one of [`ProgramPage::buffers`], or `geo`, `sh`,
+    /// `sums`. The uniforms `u` and `page` are those of the step and of the page, `call` holds [`Call::words`],
     /// and that of the name `uniform` holds [`ProgramPage::uniform`].
     pub shaders: &'static [Shader],
     /// Name of a uniform.

@@ -5,7 +5,7 @@ use gs_model::{Camera, Scene};
 use super::device::Context;
 use super::passes::REMOVAL;
 use super::start::Adapter;
-use super::steps::DeviceSteps;
+use super::steps::{DeviceSteps, Moved};
 use crate::error::Result;
 use crate::forward::image_of;
 use crate::image::Image;
@@ -48,10 +48,8 @@ impl Adapter {
 
 /// A scene without training views.
 pub(super) fn steps_of(context: Context, scene: &Scene) -> Result<DeviceSteps> {
-    let steps = DeviceSteps::new(context, scene, &[], Loss::MSE, None)?;
-    let rows = rows_of(scene);
-    let still = vec![0.0; rows.len()];
-    steps.workspace.upload([&rows, &still, &still]);
+    let steps = DeviceSteps::new(context, scene, (&[], Loss::MSE), Moved::Nothing)?;
+    steps.workspace.upload(&[&rows_of(scene)]);
     Ok(steps)
 }
 

@@ -1,7 +1,7 @@
 //! Names and sizes of the device's buffers.
 
 use crate::error::{Error, Result};
-use crate::shaders::{RADIX_BLOCK, SCAN_BLOCK, TILE_LANES};
+use crate::shaders::{GEO, RADIX_BLOCK, SCAN_BLOCK, TILE_LANES};
 
 /// Losses that the device keeps before the host has to fetch them.
 pub(crate) const LOSS_RING: usize = 256;
@@ -11,13 +11,15 @@ pub const PAGE_GAUSSIANS: usize = 1 << 19;
 
 /// Words of a splat, and of the record of a slot.
 const SPLAT: usize = 12;
-const RECORD: usize = 7;
+const RECORD: usize = 9;
 
 /// Sizes that the buffers are made for.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Sizes {
     /// Gaussians of each page.
     pub(crate) pages: Vec<usize>,
+    /// Whether Adam moves them here, so that they have moments.
+    pub(crate) moments: bool,
     /// SH coefficients of each.
     pub(crate) sh_len: usize,
     /// Slots: (Gaussian, tile) pairs of a band.
@@ -92,18 +94,18 @@ impl Sizes {
     }
 
     fn of_pages(&self) -> Vec<Lengths> {
-        let sh = 3 * self.sh_len;
+        let (geo, sh) = (GEO as usize, 3 * self.sh_len);
+        let moments = usize::from(self.moments);
         let paged = |name, words: usize, more: usize| {
             (name, self.pages.iter().map(|n| words * n + more).collect())
         };
         vec![
-            paged("means", 3, 0),
-            paged("geo", 8, 0),
-            paged("geo_m", 8, 0),
-            paged("geo_v", 8, 0),
+            paged("geo", geo, 0),
+            paged("geo_m", moments * geo, 0),
+            paged("geo_v", moments * geo, 0),
             paged("sh", sh, 0),
-            paged("sh_m", sh, 0),
-            paged("sh_v", sh, 0),
+            paged("sh_m", moments * sh, 0),
+            paged("sh_v", moments * sh, 0),
             paged("page_splats", SPLAT, 0),
             paged("sums", RECORD, 1),
             paged("totals", 2, 1),

@@ -55,8 +55,8 @@ impl ViewGradients {
         KernelLoop::new(adapter.context()?, scene, program, (&self.views, self.loss))
     }
 
-    /// An optimiser that goes on from `from` on a graphics adapter, for the same views and loss. Means stay where
-    /// they are.
+    /// An optimiser that goes on from `from` on a graphics adapter, for the same views and loss. It has no shrinkage
+    /// and learns all SH degrees.
     ///
     /// # Errors
     /// [`NoAdapter`](crate::Error::NoAdapter), [`Gpu`](crate::Error::Gpu).

@@ -10,6 +10,7 @@ use super::sizes::{LOSS_RING, Sizes, pages};
 use super::uniform::StepUniform;
 use super::workspace::Workspace;
 use crate::error::{Error, Result};
+use crate::optimiser::set_rows;
 use crate::options::Loss;
 use crate::stages::loss::ViewLoss;
 use crate::stages::project::RenderView;
@@ -49,11 +50,16 @@ impl Workspace {
 }
 
 impl DeviceView {
-    /// A view with the planes of its photo, if it has one.
-    fn new(workspace: &Workspace, view: &RenderView, planes: Option<&[u8]>) -> Result<Self> {
-        let photo = planes.map(|planes| workspace.photo(planes)).transpose()?;
+    /// A view, with photo and weight if it is a training view.
+    fn new(
+        workspace: &Workspace,
+        view: &RenderView,
+        training: Option<&PreparedView>,
+    ) -> Result<Self> {
+        let photo = training.map(|v| workspace.photo(v.bytes())).transpose()?;
         let groups = photo.iter().flat_map(|photo| workspace.bind_photo(photo)).collect();
-        let view = StepUniform::of_view(view);
+        let mut view = StepUniform::of_view(view);
+        view.view_weight = training.map_or(1.0, |v| v.weight);
         if let Some(limit) = workspace.context.loop_limit {
             loops::check_view(limit, &view)?;
         }
@@ -68,14 +74,26 @@ struct Pending {
     ends: &'static Ends,
 }
 
+/// What moves the parameters of a scene on a device.
+#[derive(Clone, Copy)]
+pub(super) enum Moved<'a> {
+    Nothing,
+    ByAdam,
+    ByKernels(&'a Program),
+}
+
+impl<'a> Moved<'a> {
+    fn program(self) -> Option<&'a Program> {
+        match self {
+            Self::ByKernels(program) => Some(program),
+            _ => None,
+        }
+    }
+}
+
 /// The sizes of a scene and its views on a device. A program's pages come first.
-fn sizes(
-    context: &Context,
-    scene: &Scene,
-    views: &[PreparedView],
-    program: Option<&Program>,
-) -> Sizes {
-    let of_program = program.map_or(&[][..], |p| &p.pages).iter().map(|p| p.gaussians);
+fn sizes(context: &Context, scene: &Scene, views: &[PreparedView], moved: Moved<'_>) -> Sizes {
+    let of_program = moved.program().map_or(&[][..], |p| &p.pages).iter().map(|p| p.gaussians);
     let mut all: Vec<usize> = of_program.collect();
     let rest = scene.len().saturating_sub(all.iter().sum());
     all.extend(pages(rest, context.page));
@@ -84,6 +102,7 @@ fn sizes(
         |of: fn(&RenderView) -> usize| views.iter().map(|v| of(&v.view)).fold(1, usize::max);
     Sizes {
         pages: all,
+        moments: matches!(moved, Moved::ByAdam),
         sh_len: scene.sh_len(),
         // Grows on demand: a step that needs more slots is repeated.
         capacity: (4 * scene.len()).max(1 << 14).min(slots),
@@ -107,13 +126,12 @@ impl DeviceSteps {
     pub(super) fn new(
         context: Context,
         scene: &Scene,
-        views: &[PreparedView],
-        loss: Loss,
-        program: Option<&Program>,
+        (views, loss): (&[PreparedView], Loss),
+        moved: Moved<'_>,
     ) -> Result<Self> {
-        let sizes = sizes(&context, scene, views, program);
-        let workspace = Workspace::new(context, sizes, program)?;
-        let one = |v: &PreparedView| DeviceView::new(&workspace, &v.view, Some(v.bytes()));
+        let sizes = sizes(&context, scene, views, moved);
+        let workspace = Workspace::new(context, sizes, moved.program())?;
+        let one = |v: &PreparedView| DeviceView::new(&workspace, &v.view, Some(v));
         let views = views.iter().map(one).collect::<Result<_>>()?;
         workspace.context.check()?;
         let base = StepUniform::of_scene(scene, loss);
@@ -178,6 +196,13 @@ impl DeviceSteps {
     pub(super) fn losses(&mut self) -> Result<Vec<ViewLoss>> {
         self.settle()?;
         Ok(std::mem::take(&mut self.losses))
+    }
+
+    /// The scene as it is, with the lengths of `like`. Waits for the device.
+    pub(super) fn scene(&mut self, mut like: Scene) -> Result<Scene> {
+        self.settle()?;
+        set_rows(&mut like, &self.workspace.download(0)?);
+        Ok(like)
     }
 
     /// Fetches the losses of all pending steps. If one of them did not have enough slots or splats, it and

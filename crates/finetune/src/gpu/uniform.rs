@@ -37,8 +37,9 @@ pub(crate) struct StepUniform {
     pub(crate) mse: f32,
     pub(crate) ssim: f32,
     pub(crate) blur: f32,
+    pub(crate) mean_rate: f32,
     /// The size is a multiple of 16 bytes.
-    pub(crate) padding: [u32; 2],
+    pub(crate) padding: u32,
 }
 
 impl StepUniform {
@@ -60,6 +61,7 @@ impl StepUniform {
             end_row: view.tiles_y,
             reference: u32::from(view.reference),
             blur: l.blur,
+            view_weight: 1.0,
             ..Default::default()
         }
     }

@@ -6,9 +6,9 @@ mod scene;
 mod unseen;
 
 pub use crate::shuffle::{SplitMix, permutation};
-#[cfg(feature = "gpu")]
-pub(crate) use rows::rows_of;
 pub use rows::{Flat, RowChunk};
+#[cfg(feature = "gpu")]
+pub(crate) use rows::{rows_of, set_rows};
 pub use scene::{SceneOptimiser, Shrinkage};
 
 use crate::stages::finite;

@@ -114,7 +114,7 @@ pub(crate) fn rows_of(scene: &Scene) -> Vec<f32> {
 
 /// Puts rows into a scene.
 #[cfg(feature = "gpu")]
-pub(super) fn set_rows(scene: &mut Scene, rows: &[f32]) {
+pub(crate) fn set_rows(scene: &mut Scene, rows: &[f32]) {
     let width = stride(scene.sh_len());
     scene_chunks(scene).zip(rows.par_chunks(CHUNK * width)).for_each(|(mut to, rows)| {
         rows.chunks_exact(width).enumerate().for_each(|(i, row)| to.store(i, row));

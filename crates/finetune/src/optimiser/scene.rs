@@ -155,11 +155,6 @@ impl SceneOptimiser {
 /// The state of the steps, for the executor on a device.
 #[cfg(feature = "gpu")]
 impl SceneOptimiser {
-    /// The rates, with the means frozen.
-    pub(crate) fn rates(&self) -> &LearningRates {
-        &self.rates
-    }
-
     /// Parameters and moments, row after row.
     pub(crate) fn state(&self) -> [Vec<f32>; 3] {
         let mut copy = Self::new(self.scene.clone(), self.rates, self.mean_rate);

@@ -1,4 +1,4 @@
-// Stage `blend_adjoint`: one record of seven sums per slot, with the lanes as in block.wgsl. A lane
+// Stage `blend_adjoint`: one record of nine sums per slot, with the lanes as in block.wgsl. A lane
 // adds up its pixels in registers and stores a sum per splat in workgroup memory. Then the lanes
 // add up the columns of a block and the blocks, in the fixed order of blend_adjoint.rs.
 
@@ -88,6 +88,8 @@ fn blend_adjoint(
             let sum4$side = sum_rows(v0_$side * e0_$side);
             let sum5$side = sum_rows(v0_$side * e1);
             let sum6$side = sum_rows(v_$side * e11);
+            let sum7$side = sum_rows(v0_$side);
+            let sum8$side = sum_rows(v_$side * e1);
             //@end
             //@each sum EACH_SUM
             sums[(k * SUMS + $sumu) * (TILE_LANES + 1u) + lane] = sum$suml + sum$sumr;

@@ -202,7 +202,15 @@ impl Picture<'_> {
         let shape =
             shape_adjoint(&d.frame, Sym2(r[4], r[5], r[6]), self.antialiased.then_some(-r[3]));
         let v_raw = [0, 1, 2].map(|ch| if d.raw[ch] >= 0.0 { r[ch] } else { 0.0 });
-        let mean = mean_adjoint(self.lens, &d.frame, shape.v_s, [r[7], r[8]]);
+        let mean = mean_adjoint(
+            d.frame.sight(self.lens),
+            d.frame.rot,
+            d.frame.s,
+            d.frame.shape,
+            shape.axes,
+            r[7],
+            r[8],
+        );
         let mean = add3(mean, direction_adjoint(&d.frame, &d.sh, v_raw));
         GradientF64 {
             mean: [mean.x, mean.y, mean.z],

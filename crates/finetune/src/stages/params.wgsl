@@ -1,16 +1,17 @@
-// Loading parameters of Gaussian `i` of the page. `geo` holds eight floats per Gaussian: opacity logit, log-scales, quaternion.
+// Loading parameters of Gaussian `i` of the page. `geo` holds GEO floats per Gaussian: opacity logit, log-scales, quaternion,
+// mean.
 
 fn load_opacity(i: u32) -> f32 {
-    return geo[8u * i];
+    return geo[GEO * i];
 }
 
 fn load_log_scale(i: u32) -> vec3<f32> {
-    let at = 8u * i + 1u;
+    let at = GEO * i + 1u;
     return vec3<f32>(geo[at], geo[at + 1u], geo[at + 2u]);
 }
 
 fn load_rotation(i: u32) -> vec4<f32> {
-    let at = 8u * i + 4u;
+    let at = GEO * i + 4u;
     return vec4<f32>(geo[at], geo[at + 1u], geo[at + 2u], geo[at + 3u]);
 }
 
@@ -54,6 +55,9 @@ struct Frame {
     from_eye: V3,
     m: V3,
     inv_z: f32,
+    // Clamped slopes.
+    u: f32,
+    v: f32,
     // Normalised quaternion, w first.
     unit: vec4<f32>,
     inv_norm: f32,
@@ -71,7 +75,8 @@ fn scale_of(l: f32) -> f32 {
 
 fn frame_of(i: u32) -> Frame {
     var f: Frame;
-    let mean = V3(means[3u * i], means[3u * i + 1u], means[3u * i + 2u]);
+    let at = GEO * i + 8u;
+    let mean = V3(geo[at], geo[at + 1u], geo[at + 2u]);
     f.from_eye = sub3(mean, v3(u.eye));
     let w0 = v3(u.w0);
     let w1 = v3(u.w1);
@@ -96,9 +101,9 @@ fn frame_of(i: u32) -> Frame {
     let l = load_log_scale(i);
     f.s = V3(scale_of(l.x), scale_of(l.y), scale_of(l.z));
     f.inv_z = 1.0 / f.m.z;
-    let slope_u = clamp(f.m.x * f.inv_z, u.limits.x, u.limits.y);
-    let slope_v = clamp(f.m.y * f.inv_z, u.limits.z, u.limits.w);
-    f.ewa = ewa_of(u.lens.x, u.lens.y, slope_u, slope_v, f.inv_z, w0, w1, w2);
+    f.u = clamp(f.m.x * f.inv_z, u.limits.x, u.limits.y);
+    f.v = clamp(f.m.y * f.inv_z, u.limits.z, u.limits.w);
+    f.ewa = ewa_of(u.lens.x, u.lens.y, f.u, f.v, f.inv_z, w0, w1, w2);
     f.v0 = half_cov_row(f.ewa.t0, f.rot, f.s);
     f.v1 = half_cov_row(f.ewa.t1, f.rot, f.s);
     f.shape = shape_of(f.v0, f.v1, u.blur);

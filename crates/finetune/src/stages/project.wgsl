@@ -1,11 +1,10 @@
 // Stage `project`: one splat per Gaussian of a page that the band of the view shows, and its depth key.
 
-@group(0) @binding(1) var<storage, read> means: array<f32>;
-@group(0) @binding(2) var<storage, read> geo: array<f32>;
-@group(0) @binding(3) var<storage, read> sh: array<f32>;
-@group(0) @binding(4) var<storage, read_write> page_splats: array<Splat>;
+@group(0) @binding(1) var<storage, read> geo: array<f32>;
+@group(0) @binding(2) var<storage, read> sh: array<f32>;
+@group(0) @binding(3) var<storage, read_write> page_splats: array<Splat>;
 // Of all pages.
-@group(0) @binding(5) var<storage, read_write> keys: array<u32>;
+@group(0) @binding(4) var<storage, read_write> keys: array<u32>;
 
 fn load_sh(i: u32, k: u32) -> vec3<f32> {
     let at = 3u * (i * u.sh_len + k);

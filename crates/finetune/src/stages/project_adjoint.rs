@@ -92,7 +92,15 @@ pub(crate) fn parameter_gradient<const N: usize>(
         *d = v_raw.map(|v| b * v * weight);
     }
     if N == MOVING {
-        let mean = mean_adjoint(&view.lens, &f, shape.v_s, [record[7], record[8]]);
+        let mean = mean_adjoint(
+            f.sight(&view.lens),
+            f.rot,
+            f.s,
+            f.shape,
+            shape.axes,
+            record[7],
+            record[8],
+        );
         let mean = add3(mean, direction_adjoint(&f, sh, v_raw));
         out.mean = [mean.x, mean.y, mean.z].map(|v| v * weight);
     }

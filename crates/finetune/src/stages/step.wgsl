@@ -42,6 +42,8 @@ struct StepUniform {
     ssim: f32,
     // Variance of the low-pass filter, pixels squared.
     blur: f32,
+    // Learning rate of the means; zero if they stay.
+    mean_rate: f32,
 }
 
 @group(0) @binding(0) var<uniform> u: StepUniform;

@@ -106,7 +106,7 @@ pub(crate) struct TuneArgs {
     #[arg(long, default_value_t = 0, hide_short_help = true)]
     seed: u64,
     /// Where to compute: cpu, gpu, or auto for a GPU if there is one [default: cpu].
-    /// The steps between rounds of pruning are on the processor. A GPU does not make the same bytes as the processor.
+    /// A GPU does not make the same bytes as the processor.
     #[arg(long, value_name = "WHERE", hide_short_help = true)]
     backend: Option<Backend>,
     #[command(flatten)]

@@ -3,13 +3,12 @@
 
 @group(0) @binding(1) var<uniform> codec: Codec;
 @group(0) @binding(2) var<storage, read> sums: array<f32>;
-@group(0) @binding(3) var<storage, read> means: array<f32>;
-@group(0) @binding(4) var<storage, read> geo: array<f32>;
-@group(0) @binding(5) var<storage, read_write> latents: array<f32>;
-@group(0) @binding(6) var<storage, read_write> first_moments: array<f32>;
-@group(0) @binding(7) var<storage, read_write> second_moments: array<f32>;
-@group(0) @binding(8) var<storage, read> bit_prices: array<f32>;
-@group(0) @binding(9) var<storage, read> leaf_weights: array<f32>;
+@group(0) @binding(3) var<storage, read> geo: array<f32>;
+@group(0) @binding(4) var<storage, read_write> latents: array<f32>;
+@group(0) @binding(5) var<storage, read_write> first_moments: array<f32>;
+@group(0) @binding(6) var<storage, read_write> second_moments: array<f32>;
+@group(0) @binding(7) var<storage, read> bit_prices: array<f32>;
+@group(0) @binding(8) var<storage, read> leaf_weights: array<f32>;
 
 fn move_value(at: u32, by_loss: f32, weight: f32, rate: f32) {
     let gradient = by_loss * u.view_weight + u.extra * weight * bit_prices[at];
@@ -34,11 +33,11 @@ fn move_latents(
     @builtin(local_invocation_index) lane: u32,
 ) {
     let i = group_index(group) * 64u + lane;
-    if (i >= codec.leaves || sums[7u * page.count] != 0.0) {
+    if (i >= codec.leaves || sums[SUMS * page.count] != 0.0) {
         return;
     }
     let f = frame_of(i);
-    let at = 7u * i;
+    let at = SUMS * i;
     var reached = false;
     for (var k = 0u; k < 7u; k++) {
         reached = reached || sums[at + k] != 0.0;

@@ -85,7 +85,7 @@ fn rebuild(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_in
         return;
     }
     let row = leaf * codec.channels;
-    geo[8u * leaf] = logit_of_log_alpha(latent_rows[row + codec.groups[OPACITY].first]);
+    geo[GEO * leaf] = logit_of_log_alpha(latent_rows[row + codec.groups[OPACITY].first]);
     for (var k = 0u; k < u.sh_len; k++) {
         let at = row + codec.groups[COLOUR].first + 3u * k;
         let y = latent_rows[at] * 0.57735026;
@@ -129,7 +129,7 @@ fn rebuild(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_in
         rotate(&a, &v, 1u, 2u, 0u);
     }
     let q = quaternion_of(v);
-    let at = 8u * leaf;
+    let at = GEO * leaf;
     geo[at + 1u] = a[0][0];
     geo[at + 2u] = a[1][1];
     geo[at + 3u] = a[2][2];

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 #[cfg(feature = "gpu")]
-use finetune::{Adapter, DeviceOptimiser};
+use finetune::Adapter;
 use finetune::{Backend, BackendReport, Loss, TrainView, ViewLoss};
 use gs_model::Scene;
 
@@ -140,9 +140,9 @@ impl FineTune {
         let Self { mut trainer, mut work } = self;
         let reason = trainer.run(&mut work, &mut progress)?;
         trainer.keep(&work);
-        progress(&trainer.progress(&work, work.psnr));
+        progress(&trainer.progress(&work, work.run.psnr));
         Ok(FineTuned {
-            scene: work.run.optimiser.take_scene(),
+            scene: work.run.take_scene()?,
             steps: trainer.done,
             seconds: trainer.clock.seconds(),
             reason,
@@ -157,12 +157,7 @@ struct Attributes {
     options: FineTuneOptions,
     run: SceneLoop,
     epochs: Epochs,
-    /// PSNR of the last step whose loss is known.
-    psnr: f64,
     views: usize,
-    /// Runs the steps on a GPU, if there is one.
-    #[cfg(feature = "gpu")]
-    device: Option<DeviceOptimiser>,
 }
 
 impl Attributes {
@@ -171,24 +166,18 @@ impl Attributes {
             run: SceneLoop::new(scene, 0.0, options.steps),
             options,
             epochs: Epochs::default(),
-            psnr: 0.0,
             views,
-            #[cfg(feature = "gpu")]
-            device: None,
         }
     }
 
-    fn add(&mut self, loss: &ViewLoss) {
-        self.psnr = loss.psnr();
-        self.epochs.add(self.psnr, self.views);
+    fn add(&mut self, losses: &[ViewLoss]) {
+        losses.iter().for_each(|loss| self.epochs.add(loss.psnr(), self.views));
     }
 
     /// The losses of the steps that a device has made.
     fn listen(&mut self) -> Result<()> {
-        #[cfg(feature = "gpu")]
-        if let Some(device) = &mut self.device {
-            device.losses()?.iter().for_each(|loss| self.add(loss));
-        }
+        let losses = self.run.losses()?;
+        self.add(&losses);
         Ok(())
     }
 }
@@ -215,40 +204,25 @@ impl Work for Attributes {
     /// Fetches what a device has made since the last time.
     fn measure(&mut self, _: &Views) -> Result<()> {
         self.listen()?;
-        #[cfg(feature = "gpu")]
-        if let Some(device) = &mut self.device {
-            device.fetch(&mut self.run.optimiser)?;
-        }
-        Ok(())
+        self.run.fetch()
     }
 
     fn place(&mut self, views: &mut Views) -> Result<()> {
         #[cfg(feature = "gpu")]
-        if self.device.is_none() {
-            let from = &self.run.optimiser;
-            self.device = Some(views.gradients.scene_on_device(Adapter::Hardware, from)?);
-        }
+        self.run.place(Adapter::Hardware, &views.gradients)?;
         let _ = views;
         Ok(())
     }
 
     fn step(&mut self, views: &mut Views, view: usize) -> Result<f64> {
-        #[cfg(feature = "gpu")]
-        if let Some(device) = &mut self.device {
-            let (number, decay) = self.run.next();
-            device.step(view, number, decay)?;
-            return Ok(self.psnr);
-        }
-        let loss = self.run.step(&mut views.gradients, view);
-        self.add(&loss);
-        Ok(self.psnr)
+        let losses = self.run.step(&mut views.gradients, view)?;
+        self.add(&losses);
+        Ok(self.run.psnr)
     }
 
     fn fetch(&mut self, views: &Views) -> Result<()> {
         self.measure(views)?;
-        #[cfg(feature = "gpu")]
-        drop(self.device.take());
-        Ok(())
+        self.run.leave_device()
     }
 
     fn write(&self, out: &mut StateWriter) {
@@ -268,8 +242,6 @@ impl Work for Attributes {
             return Err(input.error("other means"));
         }
         (self.epochs, self.run) = (Epochs { past, current }, run);
-        #[cfg(feature = "gpu")]
-        drop(self.device.take());
         Ok(())
     }
 

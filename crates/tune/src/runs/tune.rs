@@ -126,7 +126,7 @@ impl Tune {
         (views, views::kept_aside(views))
     }
 
-    /// Where the steps with the codec in the loop are made, and why there.
+    /// Where the steps are made, and why there.
     #[must_use]
     pub fn backend(&self) -> &BackendReport {
         &self.trainer.backend
@@ -207,8 +207,6 @@ impl Tune {
             Target::Bytes(bytes) => encoded.bytes.len() as u64 <= bytes,
             Target::Psnr(db) => scores.psnr >= db,
         };
-        let mut backend = backend.clone();
-        views.summed.add_to(&mut backend);
         let CodecLoop { scene: last, quality, bytes: counted_bytes, leaves, .. } = state;
         // The stream leaves out SH degrees that are zero everywhere.
         let scene = at_degree(&last, encoded.index.header.sh_degree);
@@ -223,7 +221,7 @@ impl Tune {
             outliers: leaves.outliers.map_or(0, |o| o.len()),
             steps: *steps,
             seconds: clock.seconds(),
-            backend,
+            backend: backend.clone(),
             cancelled,
             reached,
         })
@@ -241,4 +239,69 @@ fn seconds_of_a_render(scene: &Scene, views: &mut Views) -> f64 {
         views.gradients.run(scene, view);
     });
     started.seconds() / timed.len() as f64
+}
+
+#[cfg(all(test, feature = "gpu"))]
+mod tests {
+    use super::*;
+    use finetune::{Adapter, Backend};
+    use gs_model::{View, dataset, ply};
+
+    /// A short tune of the room.
+    fn room() -> Tune {
+        let room = testing::fixture("room");
+        let scene = ply::read(room.join("point_cloud.ply")).unwrap().0;
+        let load = |view: View| crate::photo(&view.camera, &view.image_path).unwrap();
+        let photos = dataset::open_views(room).unwrap().into_iter().map(load).collect();
+        let mut options = TuneOptions::new(Target::Quality(58.0));
+        options.plan = Some(TunePlan {
+            quality: 58.0,
+            fraction: 0.5,
+            rounds: 2,
+            round_steps: 60,
+            loop_steps: 96,
+        });
+        options.backend = Backend::Cpu;
+        Tune::new(scene, Targets::Photos(photos), options).unwrap()
+    }
+
+    /// The same on the software adapter, which a user cannot ask for.
+    fn on_adapter(mut tune: Tune) -> Tune {
+        tune.trainer.views.summed.adapter = Some(Adapter::Software);
+        tune.trainer.backend.used = Backend::Gpu;
+        tune
+    }
+
+    #[test]
+    fn a_whole_tune_on_a_device_is_as_good() {
+        if let Err(e) = Adapter::Software.name() {
+            return println!("SKIPPED: {e}; install mesa-vulkan-drivers to compare");
+        }
+        let run = |tune: Tune| {
+            let mut told = Vec::new();
+            let outcome = tune.run(|p| told.push((p.backend, p.psnr))).unwrap();
+            (outcome, told)
+        };
+        let (host, _) = run(room());
+        let (device, told) = run(on_adapter(room()));
+        assert_eq!(device.backend.used, Backend::Gpu);
+        assert!(told.iter().all(|t| t.0 == Backend::Gpu && t.1 > 10.0), "{told:?}");
+        let (a, b) = (device.encoded.bytes.len() as f64, host.encoded.bytes.len() as f64);
+        let (x, y) = (device.scores.psnr, host.scores.psnr);
+        println!("device {a} bytes, {x} dB; host {b} bytes, {y} dB");
+        assert!(device.encoded.bytes != host.encoded.bytes, "the adapter was not asked");
+        assert!((a / b - 1.0).abs() < 0.01 && (x - y).abs() < 0.1);
+    }
+
+    #[test]
+    fn the_processor_takes_over_from_an_adapter_that_failed_in_a_sum() {
+        let host = room().run(|_| ()).unwrap();
+        let mut tune = on_adapter(room());
+        tune.trainer.may_fall_back();
+        tune.trainer.views.summed.adapter = None;
+        let outcome = tune.run(|_| ()).unwrap();
+        assert_eq!(outcome.encoded.bytes, host.encoded.bytes);
+        assert_eq!(outcome.backend.used, Backend::Cpu);
+        assert!(outcome.backend.reason.contains("the GPU failed"), "{}", outcome.backend.reason);
+    }
 }

@@ -152,8 +152,7 @@ fn whole_tune(options: &GpuOptions, clock: &Clock, gsvx: Option<&GsvxCommand>) -
     };
     match tuned("gpu").and_then(|gpu| Ok((gpu, tuned("cpu")?))) {
         Ok((gpu, cpu)) => format!(
-            "`gsvx tune` of {scene}, whole: with `--backend gpu` {gpu}; on the processor {cpu}. The steps between rounds of pruning run on the \
-             processor in both."
+            "`gsvx tune` of {scene}, whole: with `--backend gpu` {gpu}; on the processor {cpu}."
         ),
         Err(e) => {
             eprintln!("SKIPPED: a whole tune of {scene}: {e:#}");

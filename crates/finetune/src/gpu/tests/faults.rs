@@ -52,8 +52,15 @@ fn memory_that_the_driver_refuses_is_an_error() {
     let words = (context.device.limits().max_buffer_size / 4 + 1024) as usize;
     context.limits.max_buffer_size = u64::MAX;
     context.limits.max_storage_buffer_binding_size = u64::MAX;
-    let sizes =
-        Sizes { pages: vec![10], sh_len: 1, capacity: 16, splats: 10, tiles: 1, pixels: 256 };
+    let sizes = Sizes {
+        pages: vec![10],
+        moments: true,
+        sh_len: 1,
+        capacity: 16,
+        splats: 10,
+        tiles: 1,
+        pixels: 256,
+    };
     let workspace = Workspace::new(context, sizes, None).unwrap();
     let _ = workspace.storage("photo", words);
     let error = workspace.read::<u32>("state", 0, 4).unwrap_err().to_string();
@@ -102,7 +109,7 @@ fn the_longest_list_that_is_let_through_is_not_cut() {
     p.gpu.run(&[GpuStage::BlendAdjoint], &p.u, &[]);
     let wanted = flat(&p.cpu.records);
     let got: Vec<f32> = p.gpu.read("records", 0, wanted.len()).unwrap();
-    assert_equal(&p.gpu.context, "blend_adjoint", 7, &got, &wanted);
+    assert_equal(&p.gpu.context, "blend_adjoint", 9, &got, &wanted);
 }
 
 /// Mesa's software Vulkan 22.3.6 cut the lists of crowded tiles without an error. Now it is an error.

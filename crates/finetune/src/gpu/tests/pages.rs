@@ -73,6 +73,7 @@ fn what_no_page_or_band_helps_is_refused_before_any_work() {
     let limit = wgpu::Limits::default().max_storage_buffer_binding_size;
     let sizes = |n: usize, pixels: usize| Sizes {
         pages: vec![n],
+        moments: true,
         sh_len: 16,
         capacity: 16,
         splats: 1,

@@ -96,6 +96,13 @@ impl Frame {
         let shape = shape_of(v0, v1, lens.blur);
         Self { from_eye, m, inv_z, u, v, unit, inv_norm, rot, s, ewa, v0, v1, shape, in_front }
     }
+
+    /// Where the mean is in the view.
+    #[inline(always)]
+    pub(crate) fn sight(&self, lens: &Lens) -> Sight {
+        let (jx, jy) = (lens.fx * self.inv_z, lens.fy * self.inv_z);
+        Sight(lens.w0, lens.w1, lens.w2, self.m, self.inv_z, self.u, self.v, jx, jy)
+    }
 }
 
 /// Unit vector from the camera to the mean, and the inverse distance.
@@ -141,8 +148,8 @@ pub(crate) fn raw_colour(basis: &[F; 16], sh: &[[F; 3]]) -> [F; 3] {
 pub(crate) struct ShapeGradient {
     pub(crate) d_log_scale: [F; 3],
     pub(crate) d_rotation: [F; 4],
-    /// Gradient with respect to the 2D covariance, for the mean's.
-    pub(crate) v_s: Sym2,
+    /// Gradient with respect to the projected axes, for the mean's.
+    pub(crate) axes: Cols,
 }
 
 /// From E, the sum of v_sigma e e^T over the pixels (see `covariance_adjoint`), and the gradient with respect to the
@@ -162,54 +169,7 @@ pub(crate) fn shape_adjoint(f: &Frame, e: Sym2, v_compensation: Option<F>) -> Sh
     );
     let [w, x, y, z] = f.unit;
     let q = quaternion_adjoint(w, x, y, z, f.inv_norm, g);
-    ShapeGradient { d_log_scale: [l.x, l.y, l.z], d_rotation: [q.w, q.x, q.y, q.z], v_s }
-}
-
-/// Gradient with respect to the mean, through the pixel position and the shape.
-///
-/// `v_s` is the gradient with respect to the 2D covariance; `e` holds the sums of v_sigma e0 and v_sigma e1 over
-/// the pixels.
-pub(crate) fn mean_adjoint(lens: &Lens, f: &Frame, v_s: Sym2, e: [F; 2]) -> V3 {
-    // Through the pixel position (unclamped slopes).
-    let (p, q, r) = (f.shape.p, f.shape.q, f.shape.r);
-    let v_px = 2.0 * p * e[0];
-    let v_py = 2.0 * (q * e[0] + r * e[1]);
-    let (jx, jy) = (lens.fx * f.inv_z, lens.fy * f.inv_z);
-    let mut v_m = [jx * v_px, jy * v_py, 0.0];
-    v_m[2] -= (jx * (f.m.x * f.inv_z)) * v_px + (jy * (f.m.y * f.inv_z)) * v_py;
-    // Through J: v_J = 2 v_S V M^T W^T (2x3).
-    let row = |a: F, b: F| {
-        let mut out = [0.0; 3];
-        let cols = [f.rot.c0, f.rot.c1, f.rot.c2];
-        let s = [f.s.x, f.s.y, f.s.z];
-        let v = [(f.v0.x, f.v1.x), (f.v0.y, f.v1.y), (f.v0.z, f.v1.z)];
-        for j in 0..3 {
-            let h = 2.0 * (a * v[j].0 + b * v[j].1) * s[j];
-            out[0] += h * dot3(lens.w0, cols[j]);
-            out[1] += h * dot3(lens.w1, cols[j]);
-            out[2] += h * dot3(lens.w2, cols[j]);
-        }
-        out
-    };
-    let (j0, j1) = (row(v_s.xx, v_s.xy), row(v_s.xy, v_s.yy));
-    v_m[2] -= (jx * j0[0] + jy * j1[1]) * f.inv_z;
-    // The third column is -f u / z^2: where u is clamped it does not follow x, and 1/z^2
-    // only counts once.
-    let (slope_x, slope_y) = (f.m.x * f.inv_z, f.m.y * f.inv_z);
-    let (kx, ky) = (jx * f.inv_z, jy * f.inv_z);
-    if slope_x >= lens.lo_x && slope_x <= lens.hi_x {
-        v_m[0] -= kx * j0[2];
-        v_m[2] += 2.0 * kx * f.u * j0[2];
-    } else {
-        v_m[2] += kx * f.u * j0[2];
-    }
-    if slope_y >= lens.lo_y && slope_y <= lens.hi_y {
-        v_m[1] -= ky * j1[2];
-        v_m[2] += 2.0 * ky * f.v * j1[2];
-    } else {
-        v_m[2] += ky * f.v * j1[2];
-    }
-    add3(add3(scale3(lens.w0, v_m[0]), scale3(lens.w1, v_m[1])), scale3(lens.w2, v_m[2]))
+    ShapeGradient { d_log_scale: [l.x, l.y, l.z], d_rotation: [q.w, q.x, q.y, q.z], axes: h }
 }
 
 /// Gradient with respect to the mean, through the view direction. `v_raw` is the gradient with respect to the colour
@@ -217,39 +177,14 @@ pub(crate) fn mean_adjoint(lens: &Lens, f: &Frame, v_s: Sym2, e: [F; 2]) -> V3 {
 pub(crate) fn direction_adjoint(f: &Frame, sh: &[[F; 3]], v_raw: [F; 3]) -> V3 {
     let (d, inv) = direction(f.from_eye);
     let mut v_d = V3(0.0, 0.0, 0.0);
-    for (k, g) in sh.iter().zip(sh_gradient(d)) {
+    let g = sh_gradient(d);
+    let gradients = [
+        V3(0.0, 0.0, 0.0), g.g1, g.g2, g.g3, g.g4, g.g5, g.g6, g.g7, g.g8, g.g9, g.g10, g.g11, g.g12, g.g13, g.g14, g.g15,
+    ];
+    for (k, g) in sh.iter().zip(gradients) {
         let c = k[0] * v_raw[0] + k[1] * v_raw[1] + k[2] * v_raw[2];
         v_d = add3(v_d, scale3(g, c));
     }
     let along = dot3(d, v_d);
     scale3(sub3(v_d, scale3(d, along)), inv)
-}
-
-/// Gradients of the SH basis functions with respect to the direction, the polynomials being
-/// those of `sh_band1` to `sh_band3`.
-fn sh_gradient(d: V3) -> [V3; 16] {
-    let (x, y, z) = (d.x, d.y, d.z);
-    let (xx, yy, zz) = (x * x, y * y, z * z);
-    let c1 = 0.4886025119029199;
-    let (c2, e2, h2) = (1.0925484305920792, 0.31539156525252005, 0.5462742152960396);
-    let (a, b, c) = (-0.5900435899266435, 2.890611442640554, -0.4570457994644658);
-    let (e, h) = (0.3731763325901154, 1.445305721320277);
-    [
-        V3(0.0, 0.0, 0.0),
-        V3(0.0, -c1, 0.0),
-        V3(0.0, 0.0, c1),
-        V3(-c1, 0.0, 0.0),
-        V3(c2 * y, c2 * x, 0.0),
-        V3(0.0, -c2 * z, -c2 * y),
-        V3(-2.0 * e2 * x, -2.0 * e2 * y, 4.0 * e2 * z),
-        V3(-c2 * z, 0.0, -c2 * x),
-        V3(2.0 * h2 * x, -2.0 * h2 * y, 0.0),
-        V3(a * 6.0 * x * y, a * 3.0 * (xx - yy), 0.0),
-        V3(b * y * z, b * x * z, b * x * y),
-        V3(-2.0 * c * x * y, c * (4.0 * zz - xx - 3.0 * yy), 8.0 * c * y * z),
-        V3(-6.0 * e * x * z, -6.0 * e * y * z, e * (6.0 * zz - 3.0 * xx - 3.0 * yy)),
-        V3(c * (4.0 * zz - 3.0 * xx - yy), -2.0 * c * x * y, 8.0 * c * x * z),
-        V3(2.0 * h * x * z, -2.0 * h * y * z, h * (xx - yy)),
-        V3(a * 3.0 * (xx - yy), -6.0 * a * x * y, 0.0),
-    ]
 }

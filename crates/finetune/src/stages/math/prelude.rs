@@ -26,6 +26,11 @@ positional! {
     Replay { w: F, t: F, rg: F, v_sigma: F }
     Sym2 { xx: F, xy: F, yy: F }
     Cols { a0: F, b0: F, a1: F, b1: F, a2: F, b2: F }
+    Sight { w0: V3, w1: V3, w2: V3, m: V3, inv_z: F, u: F, v: F, jx: F, jy: F }
+    ShGradient {
+        g1: V3, g2: V3, g3: V3, g4: V3, g5: V3, g6: V3, g7: V3, g8: V3,
+        g9: V3, g10: V3, g11: V3, g12: V3, g13: V3, g14: V3, g15: V3
+    }
     Q4 { w: F, x: F, y: F, z: F }
 }
 impl std::fmt::Debug for V3 {

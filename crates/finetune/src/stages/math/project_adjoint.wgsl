@@ -122,3 +122,53 @@ fn quaternion_adjoint(w: F, x: F, y: F, z: F, inv_norm: F, g: Rot) -> Q4 {
     let az = z * along;
     return Q4((nw - aw) * k, (nx - ax) * k, (ny - ay) * k, (nz - az) * k);
 }
+
+// Where a mean is in a view: the rows of the world-to-camera rotation, the mean in camera axes, its inverse depth, the
+// clamped slopes, and the focal lengths over the depth.
+struct Sight { w0: V3, w1: V3, w2: V3, m: V3, inv_z: F, u: F, v: F, jx: F, jy: F }
+
+// Gradient with respect to a row of J, from that with respect to the same row of V: v_J = 2 v_S V M^T W^T.
+fn jacobian_row_adjoint(k: Sight, rot: Rot, s: V3, a: V3) -> V3 {
+    let h = V3(2.0 * a.x * s.x, 2.0 * a.y * s.y, 2.0 * a.z * s.z);
+    let x = V3(dot3(k.w0, rot.c0), dot3(k.w0, rot.c1), dot3(k.w0, rot.c2));
+    let y = V3(dot3(k.w1, rot.c0), dot3(k.w1, rot.c1), dot3(k.w1, rot.c2));
+    let z = V3(dot3(k.w2, rot.c0), dot3(k.w2, rot.c1), dot3(k.w2, rot.c2));
+    return V3(dot3(h, x), dot3(h, y), dot3(h, z));
+}
+
+// Gradient with respect to the mean, through the pixel position and the shape. `h` is v_S V; `e0` and `e1` are the sums
+// of v_sigma e0 and v_sigma e1 over the pixels.
+fn mean_adjoint(k: Sight, rot: Rot, s: V3, shape: Shape, h: Cols, e0: F, e1: F) -> V3 {
+    // Through the pixel position (unclamped slopes).
+    let v_px = 2.0 * shape.p * e0;
+    let qe = shape.q * e0;
+    let re = shape.r * e1;
+    let v_py = 2.0 * (qe + re);
+    let slope_x = k.m.x * k.inv_z;
+    let slope_y = k.m.y * k.inv_z;
+    let zx = k.jx * slope_x * v_px;
+    let zy = k.jy * slope_y * v_py;
+    // Through J.
+    let j0 = jacobian_row_adjoint(k, rot, s, V3(h.a0, h.a1, h.a2));
+    let j1 = jacobian_row_adjoint(k, rot, s, V3(h.b0, h.b1, h.b2));
+    let j00 = k.jx * j0.x;
+    let j11 = k.jy * j1.y;
+    let diagonal = (j00 + j11) * k.inv_z;
+    let z0 = -(zx + zy);
+    let z1 = z0 - diagonal;
+    // The third column is -f u / z^2: where u is clamped it does not follow x, and 1/z^2
+    // only counts once.
+    let kx = k.jx * k.inv_z;
+    let ky = k.jy * k.inv_z;
+    let follows_x = slope_x == k.u;
+    let follows_y = slope_y == k.v;
+    let once_x = kx * k.u * j0.z;
+    let once_y = ky * k.v * j1.z;
+    let z2 = z1 + select(once_x, 2.0 * once_x, follows_x);
+    let z = z2 + select(once_y, 2.0 * once_y, follows_y);
+    let px = k.jx * v_px;
+    let py = k.jy * v_py;
+    let x = px - select(F(0.0), kx * j0.z, follows_x);
+    let y = py - select(F(0.0), ky * j1.z, follows_y);
+    return add3(add3(scale3(k.w0, x), scale3(k.w1, y)), scale3(k.w2, z));
+}

@@ -272,21 +272,21 @@ impl Work for Training {
         let rate = self.prepare() * self.run.decay();
         let (seed, done, part) = (self.options.seed, self.run.done, self.part());
         let photos = views.photos();
-        let loss = match &mut self.fine {
+        match &mut self.fine {
             Some(fine) if part >= COARSE => {
                 let n = fine.views() as u64;
                 let window = permutation(seed, done / n, n as usize)[(done % n) as usize];
-                self.run.step(fine, window as usize)
+                self.run.step(fine, window as usize)?;
             }
-            _ => self.run.step(&mut views.gradients, view),
-        };
+            _ => drop(self.run.step(&mut views.gradients, view)?),
+        }
         let random = |i: usize| SplitMix::new(seed ^ (done << 32) ^ i as u64);
         // MCMC's constants are for scenes of extent 1. The noise is a covariance times the rate, so it grows with the
         // cube of the extent; divided by the square, it grows as the scene does.
         let noise = rate / (self.extent * self.extent);
         self.run.optimiser.move_means(|scene, i| mcmc::noise(scene, i, noise, random(i)));
-        self.passes.add(loss.psnr(), photos);
-        Ok(loss.psnr())
+        self.passes.add(self.run.psnr, photos);
+        Ok(self.run.psnr)
     }
 
     fn fetch(&mut self, _: &Views) -> Result<()> {
