@@ -485,7 +485,7 @@ fn whole_steps_agree(mean_rate: f32) {
         let far = ours.iter().zip(&theirs).filter(|(a, b)| (*a - *b).abs() > 0.05 * mean_rate);
         let moving = theirs.iter().filter(|m| m.abs() > 0.1 * mean_rate).count();
         println!("{} of {} means differ, {moving} move", far.clone().count(), ours.len());
-        assert!(moving > 1000 && far.count() < ours.len() / 200);
+        assert!(moving > 100 && far.count() < ours.len() / 200);
     }
     // Twice on the device: the same bits.
     let again = moving_on_device(Context::software().unwrap(), &scene, &views, mean_rate).unwrap();
