@@ -4,7 +4,9 @@ mod common;
 
 use common::{at, cube, strategies};
 use gs_model::Scene;
-use voxel::{Cube, Error, Merge, Strategy, cube_of, merge, voxelize, w2};
+use voxel::{
+    Cube, Error, Merge, RateDistortion, Strategy, WeightSums, cube_of, merge, voxelize, w2,
+};
 
 /// Runs everything; returns the number of leaves under `Uniform` at depth 12.
 fn run(scene: &Scene) -> usize {
@@ -145,4 +147,15 @@ fn bad_parameters_are_named() {
             Err(Error::InvalidCube { .. })
         ));
     }
+}
+
+/// The sum of many importances beside that of integers; it does not fit single precision.
+#[test]
+fn the_sum_of_many_importances_is_exact() {
+    let parts: Vec<u32> = (0..300_000u32).map(|i| i * 7919 % 65_521 + 1).collect();
+    let weights = parts.iter().map(|&p| p as f32 / 1024.0).collect();
+    let scene = at(&vec![[0.5; 3]; parts.len()], -3.0);
+    let sums = WeightSums::of(&scene, &RateDistortion::seen(0.01, weights)).unwrap();
+    let exact = parts.iter().map(|&p| u64::from(p)).sum::<u64>() as f64 / 1024.0;
+    assert_eq!((sums.count, sums.importance), (300_000, exact));
 }
