@@ -273,6 +273,7 @@ mod tests {
     }
 
     #[test]
+    #[ignore = "takes minutes on a software adapter, and nobody has seen its figures yet"]
     fn a_whole_tune_on_a_device_is_as_good() {
         if let Err(e) = Adapter::Software.name() {
             return println!("SKIPPED: {e}; install mesa-vulkan-drivers to compare");
