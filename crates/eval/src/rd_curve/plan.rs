@@ -283,9 +283,9 @@ mod tests {
         let all = paper_codings();
         let settings: Vec<String> = all.iter().map(Coding::setting).collect();
         assert_eq!(settings[0], "QP 40/28/40");
-        assert_eq!(settings[6..].len(), 3);
+        assert_eq!(settings[6..].len(), 6);
         assert!(settings[6..].iter().all(|s| s.ends_with(", lossless covariance")));
-        assert_eq!(all[6].name(), "q62-lossless");
+        assert_eq!(all[6].name(), "q20-lossless");
     }
 
     /// Fine-tuned unless that is not wanted, uniform and by the criteria at the paper's distance.
