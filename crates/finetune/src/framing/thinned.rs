@@ -35,19 +35,10 @@ const EDGE_PIXELS: f64 = 64.0;
 const SEEN: f64 = 0.02;
 
 /// At most `most` Gaussians of a scene, larger by as much as they are fewer, without view dependence; and
-/// their numbers. Which they are, and their order, follows from their values: a scene with its rows in another order
-/// gives the same.
+/// their numbers.
 pub(super) fn thinned(scene: &Scene, most: usize) -> (Scene, Vec<usize>) {
     let step = scene.len().div_ceil(most).max(1);
-    let mut keys: Vec<(u64, usize)> =
-        (0..scene.len()).into_par_iter().map(|i| (hash(scene, i), i)).collect();
-    let count = scene.len().div_ceil(step);
-    if count < keys.len() {
-        keys.select_nth_unstable(count);
-        keys.truncate(count);
-    }
-    keys.sort_unstable();
-    let chosen: Vec<usize> = keys.into_iter().map(|(_, i)| i).collect();
+    let chosen: Vec<usize> = (0..scene.len()).step_by(step).collect();
     let mut base = scene.emptied(0);
     let larger = 0.5 * libm::log(step as f64) as f32;
     for &i in &chosen {
@@ -58,18 +49,6 @@ pub(super) fn thinned(scene: &Scene, most: usize) -> (Scene, Vec<usize>) {
         base.sh.push(scene.sh_of(i)[0]);
     }
     (base, chosen)
-}
-
-/// A number that the shape, the opacity and the colour of a Gaussian determine; those of other Gaussians are others.
-fn hash(scene: &Scene, i: usize) -> u64 {
-    let colour = &scene.sh_of(i)[0];
-    let values = [&scene.means[i][..], &scene.rotations[i], &scene.log_scales[i], colour];
-    let values = values.into_iter().flatten().chain([&scene.opacity_logits[i]]);
-    let mixed = |h: u64, v: &f32| {
-        let h = (h ^ u64::from(v.to_bits())).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-        h ^ (h >> 32)
-    };
-    values.fold(0, mixed)
 }
 
 /// The pixels at the edge of an image.
