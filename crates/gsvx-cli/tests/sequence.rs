@@ -64,7 +64,6 @@ fn what_does_not_fit_is_one_line() {
     one_line(&run("decode @ -o @ --frame 2", &[&clip, &dir.join("a.ply")]), "no frame 2");
     failed(&run("convert @ @", &[&clip, &dir.join("a.ply")]), "gsvx decode --frame");
     wrong_usage(&run("decode @ -o @ --frames 2..2", &[&clip, &dir.join("a")]), "10..20");
-    one_line(&run("view @ --no-open", &[&clip]), "gsvx decode --frame 0");
     std::fs::remove_file(name(&folder, 1)).unwrap();
     assert!(common::heard(&encode(&folder)).contains("a static stream"));
     ok("decode @ -o @", &[&clip, &dir.join("a.ply")]);
@@ -216,7 +215,7 @@ fn gaussians_that_move_by_formulas_become_a_sequence() {
         run(&format!("encode @ -o @ --force --fps 20{flags}"), &[model, &clip])
     };
     wrong_usage(&encode("", &model), "their number as --frames");
-    failed(&run("view --no-open @", &[&model]), "gsvx decode --frame 0");
+    failed(&run("view --no-open @", &[&model]), "gsvx encode --fps");
     wrong_usage(&encode(" --frames 10", &frames(&dir, 3)), "--frames is for");
     failed(&run("convert @ @", &[&model, &dir.join("a.ply")]), "gsvx encode --fps");
 }
