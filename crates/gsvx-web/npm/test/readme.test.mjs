@@ -30,6 +30,7 @@ function show(id, replaces, count, data) {
 }`,
     after: 'window.count = [...shown.values()].reduce((sum, n) => sum + n);',
   },
+  { of: 'README.md', with: 'loadSequence(', after: 'window.count = frame.count;', file: 'clip.gsvx' },
   { of: 'README.md', with: "from 'gsvx/spark'", after: `${draws} await splats.done;`, draws: true },
   { of: 'README.md', with: "from 'gsvx/three'", after: draws, draws: true, webgpu: true },
   { of: 'README.md', with: "from 'gsvx/gltf'", after: `camera.rotation.x = Math.PI; ${draws}`, draws: true, webgpu: true },
@@ -53,6 +54,7 @@ setUp(skip, async () => {
   gsvx('encode', join(root, 'fixtures/room/point_cloud.ply'), '-o', join(folder, 'scene.gsvx'), '--web', '--no-estimate');
   gsvx('convert', join(folder, 'scene.gsvx'), join(folder, 'scene.glb'), '--compress');
   gsvx('lod', join(folder, 'scene.gsvx'), '-o', join(folder, 'web'));
+  gsvx('encode', ...Array(18).fill(join(root, 'fixtures/room/point_cloud.ply')), '--fps', '30', '-o', join(folder, 'clip.gsvx'), '--no-estimate');
 });
 
 const blocks = (file) => [...readFileSync(join(process.env.GSVX_NPM, file), 'utf8').matchAll(/```js\n(.*?)```/gs)].map((m) => m[1]);
@@ -111,8 +113,8 @@ EXAMPLES.forEach((example, i) => {
       }
       assert.ok(share >= 0.5, `${share} of the picture is drawn`);
     } else {
-      const { gaussians } = JSON.parse(gsvx('info', join(folder, 'scene.gsvx'), '--json'));
-      assert.equal(await page.evaluate(() => window.count), gaussians);
+      const info = JSON.parse(gsvx('info', join(folder, example.file ?? 'scene.gsvx'), '--json'));
+      assert.equal(await page.evaluate(() => window.count), info.gaussians ?? info.groups[0].gaussians);
     }
     assert.deepEqual(problems, []);
     await page.close();
