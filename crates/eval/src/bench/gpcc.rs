@@ -11,7 +11,7 @@ use gpcc_lite::{Leaf, Limits, Octree, geometry, morton};
 use serde::Deserialize;
 
 use crate::bd;
-use crate::page::{Page, Table, number, signed};
+use crate::page::{Page, Table, signed};
 
 /// Flags of `cargo xtask bench-gpcc`.
 #[derive(Clone, Debug, clap::Args)]
@@ -44,7 +44,7 @@ pub fn run(options: &GpccOptions) -> Result<()> {
     let peers: Vec<Peer> = text.lines().map(serde_json::from_str).collect::<Result<_, _>>()?;
     let mut page = Page::new(&options.out, "How does the point-cloud coder compare with TMC13?");
     page.text(
-        "`cargo xtask bench-gpcc`: bits per point, beside TMC13 v23, MPEG's test model of G-PCC. \"Authors\" are the settings of the paper's scripts, \"best\" is the smallest of all recorded.",
+        "`cargo xtask bench-gpcc`: gpcc-lite beside TMC13 v23, MPEG's test model of G-PCC. \"Authors\" are the settings of the paper's scripts, \"best\" is the smallest of all recorded.",
     );
     page.text("## Geometry");
     page.table(&of_geometry(dir, &peers)?);
@@ -137,15 +137,13 @@ impl Peer {
     }
 }
 
-/// TMC13 with the authors' settings and at its best, ours, and ours against both.
+/// Our bits per point, and those against TMC13 with the authors' settings and at its best.
 fn against(authors: Option<f64>, best: Option<f64>, ours: f64) -> String {
     let percent = |theirs: Option<f64>| signed(theirs.map(|x| (ours / x - 1.0) * 100.0), 2, "");
-    let [authors_bits, best_bits] = [authors, best].map(|bits| number(bits, 3));
-    let (a, b) = (percent(authors), percent(best));
-    format!("{authors_bits} | {best_bits} | {ours:.3} | {a} | {b}")
+    format!("{ours:.3} | {} | {}", percent(authors), percent(best))
 }
 
-const COLUMNS: &str = "TMC13 authors | TMC13 best | gpcc-lite | against authors, % | against best";
+const COLUMNS: &str = "bits per point | against authors, % | against best";
 
 /// Geometry of each cloud.
 fn of_geometry(dir: &Path, peers: &[Peer]) -> Result<Table> {
@@ -194,7 +192,7 @@ fn lossless(dir: &Path, peers: &[Peer]) -> Result<Table> {
 
 /// The attribute coder against TMC13's RAHT with the authors' settings.
 fn lossy(dir: &Path, peers: &[Peer]) -> Result<Table> {
-    let mut table = Table::new("cloud | attribute | TMC13's points | mean, % | least | greatest");
+    let mut table = Table::new("cloud | attribute | mean, % | least | greatest");
     for name in CLOUDS {
         for attribute in ["dc", "opacity", "rest"] {
             let Some(mut cloud) = read(dir, name, attribute)? else { continue };
@@ -222,7 +220,7 @@ fn lossy(dir: &Path, peers: &[Peer]) -> Result<Table> {
             let end = |pick: fn(f64, f64) -> f64| all.iter().copied().reduce(pick);
             let figures = [Some(mean), end(f64::min), end(f64::max)];
             let figures = figures.map(|figure| signed(figure, 2, "")).join(" | ");
-            table.told(format!("{name} | {attribute} | {} | {figures}", all.len()));
+            table.told(format!("{name} | {attribute} | {figures}"));
         }
     }
     Ok(table)

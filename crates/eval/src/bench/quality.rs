@@ -82,13 +82,14 @@ pub fn run(options: &QualityOptions) -> Result<()> {
             ));
         }
     }
-    let mut bounded = Table::new("model | setting | bytes | PSNR dB");
+    let mut bounded = Table::new(format!("bytes, dB | `{}`", SETTINGS.join("` | `")));
     for model in models.iter().filter(|m| m.photos.is_some()) {
+        let mut row = model.name.clone();
         for setting in SETTINGS {
             let (record, _) = model.coded(&gsvx, setting)?;
-            let (name, bytes, db) = (&model.name, record.bytes, record.score.psnr_db);
-            bounded.told(format!("{name} | `{setting}` | {bytes} | {db:.2}"));
+            row += &format!(" | {}, {:.2}", record.bytes, record.score.psnr_db);
         }
+        bounded.told(row);
     }
     let all = models.len();
     let least = QUALITIES.iter().zip(&worst).find(|(_, worst)| worst.enough == all);

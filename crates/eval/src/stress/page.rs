@@ -57,7 +57,8 @@ pub(super) fn page(
     }
     page.table(&table);
     let mut everywhere = 0;
-    let mut table = Table::new("input | modes that accept it | refused by");
+    // Inputs that are refused, by how many modes and what refuses them.
+    let mut refused: Vec<(String, Vec<&str>)> = Vec::new();
     for of in runs.chunk_by(|a, b| a.input == b.input) {
         let accepted = of.iter().filter(|r| r.refused().is_none()).count();
         let mut parts: Vec<&str> = of.iter().filter_map(Run::refused).collect();
@@ -67,7 +68,15 @@ pub(super) fn page(
             continue;
         }
         let parts = if parts.is_empty() { "-".into() } else { parts.join(", ") };
-        table.row(format!("{} | {accepted} of {} | {parts}", of[0].input, of.len()));
+        let by = format!("{accepted} of {} | {parts}", of.len());
+        match refused.iter_mut().find(|(same, _)| *same == by) {
+            Some((_, inputs)) => inputs.push(of[0].input),
+            None => refused.push((by, vec![of[0].input])),
+        }
+    }
+    let mut table = Table::new("inputs | modes that accept them | refused by");
+    for (by, inputs) in refused {
+        table.row(format!("{} | {by}", inputs.join(", ")));
     }
     page.text(format!("Every mode accepts {everywhere} inputs. Not these:"));
     page.table(&table);

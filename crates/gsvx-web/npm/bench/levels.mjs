@@ -13,17 +13,36 @@ process.env.GSVX_NPM = npm;
 process.env.GSVX_ROOT = root;
 const { gsvx, launch, missing, psnr, serve } = await import('../test/browser.mjs');
 const { replicate } = await import('./model.mjs');
-const { streamed } = await import('./large.mjs');
 
 const COPIES = 5;
 const JITTER = 1e-5;
 /** Most Gaussians that the engine draws. */
 const BUDGETS = [300_000, 1_000_000];
+/** Seconds without a request after which all is fetched that the view needs. */
+const STILL = 8;
 const near = {
   id: 0, img_name: 'near', width: 480, height: 320, fx: 1320, fy: 1320, position: [-0.1186062, -0.0998998, -0.585102],
   rotation: [[0.980067, -0.019834, 0.197677], [0, 0.995004, 0.099833], [-0.198669, -0.097843, 0.97517]],
 };
 const far = { ...near, id: 1, img_name: 'far', fx: 390, fy: 390, position: [0.266969, -0.339499, -2.92551] };
+
+/**
+ * Opens a page of PlayCanvas on a list of places in the server's folder `data`, with options of test/pages/playcanvas.html,
+ * and waits until nothing more is fetched. `requests` are those of that folder.
+ */
+async function streamed(browser, server, list, camera, options) {
+  const page = await browser.newPage({ viewport: { width: camera.width, height: camera.height }, deviceScaleFactor: 1 });
+  page.on('console', (m) => { if (m.type() === 'error') console.error(m.text()); });
+  const from = server.log.length;
+  const query = { url: `${server.base}/data/${list}`, camera: JSON.stringify(camera), options: JSON.stringify(options) };
+  await page.goto(`${server.base}/pages/playcanvas.html?${new URLSearchParams(query)}`);
+  await page.waitForFunction(() => window.state?.done || window.state?.error, null, { timeout: 300_000 });
+  for (let still = 0, seen = 0; still < STILL; still = server.log.length === seen ? still + 1 : 0) {
+    seen = server.log.length;
+    await page.waitForTimeout(1000);
+  }
+  return { page, requests: server.log.slice(from).filter(({ path }) => path.startsWith('/data/')) };
+}
 
 const why = missing() || (!process.argv[2] && 'SKIPPED: no model is named');
 if (why) {
@@ -92,7 +111,5 @@ within a budget of Gaussians. PSNR is to \`gsvx render\` of the model; bytes are
 
 ${table(['view, budget', 'streams', 'SOG'], rows)}
 ${older.length ? `
-PlayCanvas 2.22, SOG, levels chosen by error (of \`lod-meta.json\`; 2.23 does not) or by distance:
-
-${table(['view, budget', 'by error', 'by distance'], older)}
+PlayCanvas 2.22 can choose levels of SOG by the errors in \`lod-meta.json\`, or as 2.23 by distance. ${older.map(([view, ...two]) => `${view}: ${two.join(' and ')}`).join('; ')}.
 ` : ''}`);

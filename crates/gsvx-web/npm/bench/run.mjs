@@ -11,7 +11,6 @@ const root = resolve(npm, '../../..');
 process.env.GSVX_NPM = npm;
 const { gsvx, launch, missing, serve } = await import('../test/browser.mjs');
 const { replicate } = await import('./model.mjs');
-const { large, section } = await import('./large.mjs');
 
 const COUNT = 500_000;
 /** Bytes a second: 10 Mbit/s. */
@@ -111,7 +110,6 @@ try {
   }
   const memory = {};
   for (const layout of ['planar', 'packed', 'covariances']) memory[layout] = await peaks(server.base, layout);
-  const city = await large(source, npm, folder, join(root, 'out/web/pictures'));
   const version = browser.version();
   await browser.close();
   await server.close();
@@ -119,9 +117,9 @@ try {
   const rate = ({ count, seconds }) => (count / seconds / 1e6).toFixed(2);
   const { ours, spz } = packages();
   const speed = (r) => (r.count / r.cpu / 1e6).toFixed(2);
-  const row = (name, r) => `| ${name} | ${r.seconds.toFixed(2)} | ${r.cpu.toFixed(2)} | ${speed(r)} | ${megabytes(r.output)} | ${megabytes(r.peak)} | ${(r.peak / r.output).toFixed(2)} |`;
   const ratio = (bytes, { output }) => `${megabytes(bytes)} (${(bytes / output).toFixed(2)})`;
-  const used = Object.entries(memory).flatMap(([layout, runs]) => runs.map((r) => `| ${layout}, ${r.which} | ${r.seconds.toFixed(2)} | ${rate(r)} | ${megabytes(r.output)} | ${ratio(r.own, r)} |`)).join('\n');
+  const row = (name, r) => `| ${name} | ${r.seconds.toFixed(2)} | ${r.cpu.toFixed(2)} | ${speed(r)} | ${megabytes(r.output)} | ${ratio(r.peak, r)} |`;
+  const used = Object.entries(memory).map(([layout, [first, later]]) => `| ${layout} | ${first.seconds.toFixed(2)} | ${later.seconds.toFixed(2)} | ${rate(later)} | ${ratio(first.own, first)} | ${ratio(later.own, later)} |`).join('\n');
   const text = `# In the browser
 
 \`cargo xtask web --bench\`: fox, replicated to ${COUNT.toLocaleString('en')} Gaussians with SH degree 3, one run. Streams are those of
@@ -133,10 +131,10 @@ A page loads ${ours.toLocaleString('en')} bytes (gzip) of gsvx, ${spz.toLocaleSt
 
 ## Beside another decoder
 
-In Node, one worker, a process for each row, the best of three; load average ${loadavg()[0].toFixed(0)}. gsvx includes the compiling of WebAssembly, @adobe/spz does not. Peak is the growth of the resident memory, with the output.
+In Node, one worker, a process for each row, the best of three; load average ${loadavg()[0].toFixed(0)}. gsvx includes the compiling of WebAssembly, @adobe/spz does not. Peak is the growth of the resident memory, with the output, also as a multiple of that.
 
-| decoder and output | seconds | processor, s | M Gaussians / processor s | output, MB | peak, MB | peak / output |
-|---|---:|---:|---:|---:|---:|---:|
+| decoder and output | seconds | processor, s | M Gaussians / processor s | output, MB | peak, MB |
+|---|---:|---:|---:|---:|---:|
 ${row('gsvx, planar (floats)', decode.planar)}
 ${row('gsvx, packed (Spark, PlayCanvas)', decode.packed)}
 ${row('gsvx, covariances (three.js)', decode.covariances)}
@@ -145,20 +143,15 @@ ${row('@adobe/spz, version 4 (floats)', decode.spz4)}
 
 ## In a page
 
-Whole scenes in Chromium, one worker; growth of the page's memory, also as a multiple of the output. The first decoding compiles the decoder.
+Whole scenes in Chromium, one worker; growth of the page's memory. The first decoding compiles the decoder.
 
-| decoding | seconds | M Gaussians/s | output, MB | growth, MB |
-|---|---:|---:|---:|---:|
+| layout | first, s | later, s | later, M Gaussians/s | growth at first, MB | later |
+|---|---:|---:|---:|---:|---:|
 ${used}
 
 ## Workers, and the page's own thread
 
-\`workers: 2\` beside one, M Gaussians/s, the best of four:
-
-| layout | one | two | times as many |
-|---|---:|---:|---:|
-${Object.entries(shared).map(([layout, { one, two }]) => `| ${layout} | ${(one / 1e6).toFixed(2)} | ${(two / 1e6).toFixed(2)} | ${(two / one).toFixed(2)} |`).join('\n')}
-
+Two workers decode ${Object.entries(shared).map(([layout, { one, two }]) => `${(two / one).toFixed(2)} (${layout})`).join(' and ')} times as fast as one, the best of four.
 The page's main thread is busy for at most ${longest.planar.toFixed(1)} ms (planar) and ${longest.packed.toFixed(1)} ms
 (packed) at a time.
 
@@ -166,13 +159,14 @@ The aims are 0.8 M Gaussians per second in one worker, 16 ms of the main thread,
 
 ## Over a link of 10 Mbit/s
 
-Seconds in Spark 2.2.0, without drawing, until a first whole picture (of .gsvx: the coarse level) and until all is there. SPZ keeps nearly all of the model; the stream has quality 50 ([quality.md](quality.md)).
+Seconds in Spark 2.2.0, without drawing, until a first whole picture (of .gsvx: the coarse level) and until all is there. The stream has quality 50 ([quality.md](quality.md)).
 
 | file | first picture | all |
 |---|---:|---:|
 ${Object.entries(link).map(([name, { first, last }]) => `| ${name} | ${first.toFixed(2)} | ${last.toFixed(2)} |`).join('\n')}
 
-${section(city)}`;
+A large scene: [levels.md](levels.md).
+`;
   writeFileSync(join(root, 'docs/results/web.md'), text);
   console.log(text);
 } finally {

@@ -33,7 +33,13 @@ function show(id, replaces, count, data) {
   { of: 'README.md', with: 'loadSequence(', after: 'window.count = frame.count;', file: 'clip.gsvx' },
   { of: 'README.md', with: "from 'gsvx/spark'", after: `${draws} await splats.done;`, draws: true },
   { of: 'README.md', with: "from 'gsvx/three'", after: draws, draws: true, webgpu: true },
-  { of: 'README.md', with: "from 'gsvx/gltf'", after: `camera.rotation.x = Math.PI; ${draws}`, draws: true, webgpu: true },
+  {
+    of: 'README.md', with: "from 'gsvx/gltf'", before: `import * as THREE from 'three/webgpu';
+const renderer = new THREE.WebGPURenderer();
+renderer.outputColorSpace = THREE.LinearSRGBColorSpace;
+const [scene, camera] = [new THREE.Scene(), new THREE.PerspectiveCamera(50, 1.5, 0.01, 100)];`,
+    after: `camera.rotation.x = Math.PI; renderer.setAnimationLoop(() => renderer.render(scene, camera)); ${draws}`, draws: true, webgpu: true,
+  },
   {
     of: 'README.md', with: "from 'gsvx/playcanvas'", before: playcanvas,
     after: 'await new Promise((resolve) => asset.ready(resolve));', draws: true,
