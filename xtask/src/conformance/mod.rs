@@ -8,6 +8,7 @@ mod damage;
 mod forge;
 mod golden;
 mod page;
+mod paper;
 mod quality;
 mod references;
 mod threads;
@@ -91,6 +92,7 @@ pub(crate) fn run(args: &ConformanceArgs) -> Result<()> {
     golden::checks(&mut tally);
     threads::checks(&mut tally);
     references::checks(&mut tally, args.no_gpu);
+    paper::checks(&mut tally);
     quality::checks(&mut tally);
     let broken = damage::checks(&mut tally, args.broken);
     println!(

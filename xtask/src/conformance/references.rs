@@ -20,7 +20,7 @@ pub(super) fn checks(tally: &mut Tally, no_gpu: bool) {
     tally.check("WGSL executor against Rust", || wgsl(no_gpu));
 }
 
-fn room() -> Result<Scene> {
+pub(super) fn room() -> Result<Scene> {
     let path = scenes::find(scenes::DEFAULT)?.dataset.model_path;
     Ok(gs_model::ply::read(path)?.0)
 }
