@@ -51,6 +51,12 @@ impl Rows {
         }
     }
 
+    /// Adds a multiple of other rows of this size.
+    pub fn add(&mut self, factor: f32, other: &Self) {
+        let other = other.lanes.as_flattened();
+        self.lanes.as_flattened_mut().iter_mut().zip(other).for_each(|(v, o)| *v += factor * o);
+    }
+
     /// Number of leaves.
     #[must_use]
     pub fn leaves(&self) -> usize {

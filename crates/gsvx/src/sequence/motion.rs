@@ -220,11 +220,7 @@ impl Motion {
         for Moving { group, leaves, base, curves, coefficients } in &self.moving {
             let mut rows = base.clone();
             for (curve, coefficients) in curves.iter().zip(coefficients) {
-                let at = curve.at(frame);
-                for i in 0..leaves.len() {
-                    let row = rows.row_mut(i).iter_mut().zip(coefficients.row(i));
-                    row.for_each(|(v, c)| *v += at * c);
-                }
+                rows.add(curve.at(frame), coefficients);
             }
             let mut moved = Scene::zeros(leaves.len(), scene.sh_degree);
             group.restore(&rows, 0, &mut SceneMut::of(&mut moved));
@@ -269,7 +265,7 @@ impl Motion {
 }
 
 /// Copies an attribute of a Gaussian.
-fn put(attribute: Attribute, from: &Scene, i: usize, to: &mut Scene, j: usize) {
+pub(crate) fn put(attribute: Attribute, from: &Scene, i: usize, to: &mut Scene, j: usize) {
     match attribute {
         Attribute::Position => to.means[j] = from.means[i],
         Attribute::Opacity => to.opacity_logits[j] = from.opacity_logits[i],

@@ -2,7 +2,7 @@
 //!
 //! They are the eigenvectors of the frames' products, weighted as the values are coded (Karhunen-Loeve). What is known
 //! of the static stream predicts their coefficients by a linear map: a scene that turns as a whole costs next to
-//! nothing.
+//! nothing, and one whose Gaussians move by polynomials as much as their coefficients.
 
 use crate::sequence::motion::{Curve, GREATEST, UNIT};
 use gpcc_lite::raht::Rows;

@@ -1,5 +1,6 @@
 //! From frames to a sequence: groups of frames whose Gaussians correspond.
 
+mod absent;
 mod curves;
 mod motion;
 mod reference;
@@ -174,7 +175,8 @@ impl SequenceEncoder {
 /// Encodes the frames of a group.
 fn encode_group(tracks: Tracks, options: &SequenceOptions) -> Result<EncodedGroup> {
     let SequenceOptions { quality, encode, .. } = options;
-    let (frames, alive) = tracks.into_frames();
+    let (mut frames, alive) = tracks.into_frames();
+    absent::move_on(&mut frames, &alive);
     let (steps, count) = (Steps::of_quality(*quality)?, frames.len());
     let reference = reference::reference(&frames);
     let transparent = reference.drawn().map_or(0, |drawn| reference.len() - drawn.len());

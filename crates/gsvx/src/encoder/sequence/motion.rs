@@ -7,7 +7,7 @@ use crate::error::{Result, coding};
 use crate::head::Steps;
 use crate::sequence::motion::{BIRTHS, base_of, code_alive, code_flags, flagged, plan_of};
 use gpcc_lite::attribute::{self, Quantisation};
-use gpcc_lite::coder::RansEncoder;
+use gpcc_lite::coder::{RansEncoder, Tally};
 use gpcc_lite::raht::Rows;
 use gs_model::Scene;
 
@@ -59,25 +59,38 @@ impl Moved {
             let plan = plan_of(values, &some)?;
             let weights: Vec<f64> = (0..some.len()).map(|i| plan.weight_of_leaf(i)).collect();
             let least = f64::from(group.lambda()) * (16 * count) as f64 * unit * unit;
-            let mut curves = curves_of(&deltas, &weights, count, group.channels, least);
-            if curves.is_empty() {
-                continue;
-            }
-            flags |= 1 << number;
-            code_flags(&mut coder, &mut moves);
             let base = base_of(values, number, &some);
-            head.f32(step);
-            head.u8(curves.len() as u8 - 1);
-            for curve in &mut curves {
+            let steps = steps_of(step, group.channels);
+            let quantisation = Quantisation { steps: &steps, lambda: group.lambda() };
+            let mut kept = Vec::new();
+            for mut curve in curves_of(&deltas, &weights, count, group.channels, least) {
                 let mut rows = Rows::new(some.len(), group.channels);
                 for (i, delta) in deltas.chunks_exact(count * group.channels).enumerate() {
                     curve.project(delta, rows.row_mut(i));
                 }
+                let without = energy(&rows, &weights);
                 curve.factors = fit(&base, &rows, &weights, unit);
                 (0..some.len()).for_each(|i| curve.predict(base.row(i), -1.0, rows.row_mut(i)));
-                let steps = steps_of(step, group.channels);
-                let quantisation = Quantisation { steps: &steps, lambda: group.lambda() };
-                attribute::encode(&mut coder, &plan, &quantisation, &mut rows)
+                let (mut tally, mut rest) = (Tally::default(), rows.clone());
+                attribute::encode(&mut tally, &plan, &quantisation, &mut rest)
+                    .map_err(coding("motion"))?;
+                rest.add(-1.0, &rows);
+                // Small coefficients become zeros: then the curve is not worth its own bits.
+                let bits = tally.bits() as f64 + (16 * count + 32 * curve.factors.len()) as f64;
+                let saved = without - energy(&rest, &weights);
+                if saved >= f64::from(group.lambda()) * bits * unit * unit {
+                    kept.push((curve, rows));
+                }
+            }
+            if kept.is_empty() {
+                continue;
+            }
+            flags |= 1 << number;
+            code_flags(&mut coder, &mut moves);
+            head.f32(step);
+            head.u8(kept.len() as u8 - 1);
+            for (curve, rows) in &mut kept {
+                attribute::encode(&mut coder, &plan, &quantisation, rows)
                     .map_err(coding("motion"))?;
                 curve.values.iter().for_each(|v| head.bytes.extend(v.to_le_bytes()));
                 head.u8(u8::from(!curve.factors.is_empty()));
@@ -114,4 +127,10 @@ impl Moved {
         }
         (moves, deltas)
     }
+}
+
+/// The weighted sum of squares.
+fn energy(rows: &Rows, weights: &[f64]) -> f64 {
+    let square = |i: usize| rows.row(i).iter().map(|&v| f64::from(v * v)).sum::<f64>();
+    weights.iter().enumerate().map(|(i, weight)| weight * square(i)).sum()
 }
