@@ -101,6 +101,9 @@ fn remedy(cause: &(dyn std::error::Error + 'static)) -> Option<String> {
         Stream::Limit { points, .. } => {
             Some(format!("pass --max-gaussians {points} if you trust it"))
         }
+        Stream::FrameDegree { found, expected } => {
+            Some(format!("--max-sh-degree {} makes all alike", found.min(expected)))
+        }
         Stream::IsSequence => Some("gsvx decode --frame writes a frame of it".into()),
         Stream::TooLarge { .. } => {
             Some("pass --lossless, or --drop-invalid to leave it out".into())

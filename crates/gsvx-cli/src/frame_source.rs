@@ -31,7 +31,11 @@ pub(crate) fn frames(inputs: &[PathBuf]) -> Result<Vec<PathBuf>> {
         let [a, b] = [pair[0].display(), pair[1].display()];
         if let (Some(first), Some(next)) = (number(&pair[0]), number(&pair[1])) {
             ensure!(next != first, "{a} and {b} have the same number");
-            ensure!(next == first + 1, "frame {} is missing between {a} and {b}", first + 1);
+            let missing = first + 1;
+            ensure!(
+                next == missing,
+                "frame {missing} is missing between {a} and {b}; number the frames without a gap"
+            );
         }
         ensure!(
             pair[0].extension() == pair[1].extension(),
@@ -39,6 +43,11 @@ pub(crate) fn frames(inputs: &[PathBuf]) -> Result<Vec<PathBuf>> {
         );
     }
     Ok(all)
+}
+
+/// Whether models are numbered as frames are.
+pub(crate) fn are_numbered(models: &[PathBuf]) -> bool {
+    models.iter().all(|path| number(path).is_some()) && frames(models).is_ok()
 }
 
 /// What `gsvx encode` makes a sequence of.

@@ -86,7 +86,9 @@ pub(crate) fn open(path: &Path) -> Result<File> {
         let folder = path.display();
         match gs_model::dataset::find_model(path) {
             Ok(model) => bail!("{folder}: is a folder; its model is {}", model.display()),
-            Err(_) => bail!("{folder}: is a folder; name the model in it"),
+            Err(_) => bail!(
+                "{folder}: is a folder; name the model in it, or pass gsvx encode --fps to make its models a sequence"
+            ),
         }
     }
     File::open(path).with_context(|| cannot_read(path))

@@ -71,6 +71,12 @@ fn what_does_not_fit_is_one_line() {
     let folder = frames(&dir, 4);
     std::fs::remove_file(name(&folder, 2)).unwrap();
     one_line(&encode(&folder), "frame 2 is missing");
+    // Without a rate, models are one scene, which is said of those that could be frames.
+    let both = |a: &Path, b: &Path| common::heard(&run("encode @ @ -o @ --force", &[a, b, &clip]));
+    let said = both(&name(&folder, 0), &name(&folder, 1));
+    assert!(said.contains("2 numbered models become one scene; pass --fps"), "{said}");
+    assert!(!both(&name(&folder, 0), &name(&folder, 3)).contains("--fps"));
+    one_line(&run("encode @ -o @ --force", &[&folder, &clip]), "--fps");
     let mut scene = common::scene();
     scene.means[7][0] = f32::NAN;
     ply::write(name(&folder, 2), &scene).unwrap();
@@ -80,7 +86,9 @@ fn what_does_not_fit_is_one_line() {
     scene.cut_sh(0);
     assert!(degree > 0);
     ply::write(name(&folder, 2), &scene).unwrap();
-    one_line(&encode(&folder), "SH degree 0, where those before it have");
+    one_line(&encode(&folder), "--max-sh-degree 0 makes all alike");
+    let alike = "encode @ -o @ --fps 30 --force --max-sh-degree 0";
+    assert!(run(alike, &[&folder, &clip]).status.success());
     std::fs::rename(name(&folder, 2), folder.join("frame_2.spz")).unwrap();
     one_line(&encode(&folder), "different formats");
     let empty = dir.join("empty");

@@ -9,7 +9,7 @@ use crate::commands::sequence::{self, Encoding};
 use crate::content::{CONTENT, LARGE, SceneArgs};
 use crate::exit::{missed, note, usage};
 use crate::format::{STREAM, is_stream_name};
-use crate::frame_source::EncodeFrames;
+use crate::frame_source::{EncodeFrames, are_numbered};
 use crate::input::{self, LoadedModel};
 use crate::output::{Output, counted};
 use crate::report::Reporter;
@@ -218,6 +218,12 @@ pub(crate) fn run(args: &EncodeArgs, report: Reporter) -> Result<()> {
         return scale::part(&args.scene, part, report);
     }
     let as_one = inputs.len() > 1 && is_stream_name(output) && !output.is_dir();
+    if args.fps.is_none() && as_one && are_numbered(inputs) {
+        note(format_args!(
+            "note: {} numbered models become one scene; pass --fps 30 to make them frames of a sequence",
+            inputs.len()
+        ));
+    }
     let large = scale::is_large(inputs) && inputs.len() == 1;
     if args.fps.is_none() && (as_one || large || room.memory.is_some()) {
         match args.choices() {

@@ -288,7 +288,11 @@ pub(crate) fn decode(args: &Decoding<'_>, format: &Format, report: Reporter) -> 
             Ok(decoded) => decoded,
             Err(why) if args.salvage => {
                 let Range { start, end } = some;
-                skipped.push(format!("frames {start} to {}: {}", end - 1, chain(&why)));
+                let which = match end - start {
+                    1 => format!("frame {start}"),
+                    _ => format!("frames {start} to {}", end - 1),
+                };
+                skipped.push(format!("{which}: {}", chain(&why)));
                 continue;
             }
             Err(why) => return Err(why).with_context(|| name.clone()),
