@@ -83,6 +83,19 @@ test('a sequence plays, and pauses and seeks by mouse and keys', { skip, timeout
   assert.deepEqual(quiet(viewer), []);
 });
 
+test('two sequences side by side share a time line; the shorter one stays at its end', { skip, timeout: 400000 }, async () => {
+  for (const name of ['tracked', 'births']) cpSync(join(root, `fixtures/sequences/${name}.gsvx`), join(folder, `${name}.gsvx`));
+  const viewer = await page(local({ url: 'tracked.gsvx', compare: 'births.gsvx' }));
+  await viewer.waitForFunction(() => window.gsvx.player.clips.filter((clip) => clip.shown).length === 2);
+  await viewer.click('#play');
+  for (const want of [[3, 3], [11, 9], [0, 0]]) {
+    await viewer.locator('#time').fill(`${want[0]}`);
+    await viewer.waitForFunction((w) => window.gsvx.player.clips.every((clip, i) => clip.shown.number === w[i]), want);
+  }
+  assert.equal(await text(viewer, 'title'), 'tracked.gsvx | births.gsvx');
+  assert.deepEqual(quiet(viewer), []);
+});
+
 /** A sphere of Gaussians as a .splat, away from the origin, and a few black ones far around it. */
 function sphere(file) {
   const all = Buffer.alloc(32 * 3000);
