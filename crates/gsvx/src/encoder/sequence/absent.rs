@@ -134,19 +134,14 @@ fn solve(rows: &mut [Vec<f64>]) {
 }
 
 /// Puts values into the frames that do not have their Gaussians, which are `rows`.
-fn write(
-    group: &Group,
-    values: &[f32],
-    rows: &[usize],
-    there: &[&[bool]],
-    frames: &mut [Scene],
-) {
+fn write(group: &Group, values: &[f32], rows: &[usize], there: &[&[bool]], frames: &mut [Scene]) {
     let count = frames.len();
     for (t, frame) in frames.iter_mut().enumerate() {
         let absent: Vec<usize> = (0..rows.len()).filter(|&i| !there[i][t]).collect();
         let mut own = Rows::new(absent.len(), group.channels);
         for (to, &i) in absent.iter().enumerate() {
-            own.row_mut(to).copy_from_slice(&values[(i * count + t) * group.channels..][..group.channels]);
+            own.row_mut(to)
+                .copy_from_slice(&values[(i * count + t) * group.channels..][..group.channels]);
         }
         let mut moved = Scene::zeros(absent.len(), frame.sh_degree);
         group.restore(&own, 0, &mut SceneMut::of(&mut moved));
