@@ -161,6 +161,15 @@ impl Scene {
         (!sizes.is_empty()).then(|| *sizes.select_nth_unstable_by(tenth, f32::total_cmp).1)
     }
 
+    /// How much pictures show of Gaussian `i`, about: the logarithm of its opacity times its two longer scales.
+    #[cfg(feature = "formats")]
+    pub(crate) fn log_prominence(&self, i: usize) -> f64 {
+        let mut scales = self.log_scales[i];
+        scales.sort_unstable_by(f32::total_cmp);
+        let log_opacity = -libm::log1p(libm::exp(-f64::from(self.opacity_logits[i])));
+        log_opacity + f64::from(scales[1]) + f64::from(scales[2])
+    }
+
     /// The SH coefficients of Gaussian `i`, DC first; `sh_len()` RGB triples.
     #[must_use]
     pub fn sh_of(&self, i: usize) -> &[[f32; 3]] {

@@ -42,6 +42,15 @@ pub(crate) fn is_stream_name(path: &Path) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case(STREAM))
 }
 
+/// Refuses the name of a model for a stream.
+pub(crate) fn check_stream_name(output: &Path) -> Result<()> {
+    let Some(format) = Format::of_name(output).filter(|f| f.is_written()) else { return Ok(()) };
+    let (name, extension) = (output.display(), format.extensions[0]);
+    Err(usage(format!(
+        "{name}: encode writes gsvx streams; name it .gsvx, or use gsvx convert to write .{extension}"
+    )))
+}
+
 /// The names of all formats that are written, as `pick` has them, separated by commas.
 fn all_written(pick: impl Fn(&Format) -> String) -> String {
     let names = Format::all().iter().filter(|f| f.is_written()).map(|f| pick(f));

@@ -95,10 +95,7 @@ impl Output {
             return Ok(Self { path: path.into(), target: Target::Device(device) });
         }
         let file = check(path, force, inputs)?;
-        let dir = parent(&file);
-        if !dir.is_dir() {
-            bail!("{}: no such directory; create it first", dir.display());
-        }
+        let dir = folder_of(&file)?;
         sweep(dir);
         let temporary =
             temporary(dir).with_context(|| format!("{}: cannot write here", dir.display()))?;
@@ -380,6 +377,15 @@ pub(crate) fn check<P: AsRef<Path>>(path: &Path, force: bool, inputs: &[P]) -> R
         bail!("{name}: is read-only; make it writable or give another name");
     }
     Ok(file)
+}
+
+/// The folder of a file that is to be made.
+pub(crate) fn folder_of(file: &Path) -> Result<&Path> {
+    let dir = parent(file);
+    if !dir.is_dir() {
+        bail!("{}: no such directory; create it first", dir.display());
+    }
+    Ok(dir)
 }
 
 /// The name that the symbolic links at `path` lead to; there need be nothing.

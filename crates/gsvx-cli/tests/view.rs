@@ -251,7 +251,16 @@ fn what_cannot_be_encoded_is_told_before_the_page_opens() {
     let view = View::of(&[&model]);
     let line = format!("view --no-open @ --port {}", view.host.split(':').nth(1).unwrap());
     one_line(&common::run(&line, &[&model]), "name another with --port");
-    one_line(&common::run("view --no-open --encode @ -o @", &[&model, &model]), "is the input");
+    let other = dir.join("other.ply");
+    common::wrong_usage(
+        &common::run("view --no-open --encode @ -o @", &[&model, &other]),
+        "name it .gsvx",
+    );
+    let nowhere = dir.join("nowhere/small.gsvx");
+    one_line(
+        &common::run("view --no-open --encode @ -o @", &[&model, &nowhere]),
+        "no such directory",
+    );
     common::wrong_usage(
         &common::run("view --no-open --encode @ @", &[&model, &model]),
         "one model",

@@ -124,7 +124,7 @@ pub fn run(options: &SequenceBenchOptions) -> Result<()> {
         "**One avatar, made-up changes**: no real recording could be had. A head of 20,018 Gaussians of SH degree 0 moves by a captured track of expressions, 60 frames. It also turns (turn), its colours, opacities and scales jitter by 2 % of their deviations (noise), 2 % of the rows are replaced in each frame (births), or the order of rows is another in each frame (shuffle).",
     );
     page.text(
-        "At equal `--quality` a sequence has a lower PSNR than frames on their own, so codings are compared at equal PSNR: between the measured qualities of sequences, linearly. Where the other PSNR is below that of the lowest quality, that quality counts. PSNR and flicker (`gsvx compare`: of the changes between frames) are against renders of the input, five frames in four views. `.splat4d` (splats4d 0.1.0) takes `.splat`, which has 8-bit colours and rotations, at its default of 2 mm and at 0.1 mm; `.4dgs` is what `fourdgs convert` makes.",
+        "Codings are compared at equal PSNR: between the measured qualities of sequences, linearly. Where the other PSNR is below that of the lowest quality, that quality counts. PSNR and flicker (`gsvx compare`: of the changes between frames) are against renders of the input, five frames in four views. `.splat4d` (splats4d 0.1.0) takes `.splat`, which has 8-bit colours and rotations, at its default of 2 mm and at 0.1 mm; `.4dgs` is what `fourdgs convert` makes.",
     );
     page.text("Plain:");
     page.table(&plain);

@@ -8,7 +8,7 @@ use crate::commands::join::{self, ScenePart};
 use crate::commands::sequence::{self, Encoding};
 use crate::content::{CONTENT, LARGE, SceneArgs};
 use crate::exit::{missed, note, usage};
-use crate::format::{STREAM, is_stream_name};
+use crate::format::{self, STREAM, is_stream_name};
 use crate::frame_source::{EncodeFrames, are_numbered};
 use crate::input::{self, LoadedModel};
 use crate::output::{Output, counted};
@@ -17,7 +17,7 @@ use crate::views::Origin;
 use crate::{loss, max_error, scale, size};
 use anyhow::Result;
 pub(crate) use by_cameras::{explained, meters};
-use gs_model::{Format, chain};
+use gs_model::chain;
 use gsvx::{
     Aim, Choices, EncodeOptions, EncodeWarning, EncoderOutput, Leaves, MaxError, Measure,
     SequenceOptions,
@@ -194,12 +194,7 @@ fn score(text: &str) -> Result<f64, String> {
 /// Encodes the models.
 pub(crate) fn run(args: &EncodeArgs, report: Reporter) -> Result<()> {
     let SceneArgs { inputs, output, room, force, .. } = &args.scene;
-    if let Some(format) = Format::of_name(output).filter(|f| f.is_written()) {
-        let (name, extension) = (output.display(), format.extensions[0]);
-        return Err(usage(format!(
-            "{name}: encode writes gsvx streams; name it .gsvx, or use gsvx convert to write .{extension}"
-        )));
-    }
+    format::check_stream_name(output)?;
     let mut models = inputs.clone();
     if let Some(fps) = args.fps {
         let frames = EncodeFrames::open(inputs, &args.scene.reading, args.frames)?;

@@ -8,6 +8,11 @@ use gs_model::Scene;
 use std::ops::Range;
 use voxel::{Importance, Merge, Merging, Voxelization};
 
+/// Added to the log-scales of coarse Gaussians: with the moments of their members alone there are gaps between them.
+/// PSNR of the first coarse level of fox with 0, 0.06, 0.12, 0.18: 21.65, 21.99, 22.12, 22.04 dB; of bonsai: 18.97, 19.00,
+/// 18.96, 18.84 dB (photos' views, half their size).
+const COARSE_GROWTH: f32 = 0.1;
+
 /// Where the Gaussians of leaves come from.
 pub(crate) struct GaussianSource<'a> {
     pub(crate) scene: &'a Scene,
@@ -46,7 +51,11 @@ impl GaussianSource<'_> {
             return Ok(part);
         }
         let part = level.part(self.voxels, range);
-        Ok(Merging::new(self.scene, &part, Merge::Moments, self.weights)?.up_to(0))
+        let mut base = Merging::new(self.scene, &part, Merge::Moments, self.weights)?.up_to(0);
+        if level.lod > 0 {
+            base.log_scales.iter_mut().flatten().for_each(|v| *v += COARSE_GROWTH);
+        }
+        Ok(base)
     }
 
     /// Coefficients of one SH degree of some of the finest leaves.

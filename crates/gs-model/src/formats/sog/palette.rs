@@ -85,8 +85,12 @@ impl Palette {
         let points: Vec<[f32; D]> = (0..scene.len()).into_par_iter().map(point).collect();
         // As many as splat-transform takes.
         let count = ((1usize << scene.len().ilog2()) / precision.share).clamp(1, MOST);
-        let kmeans::Clusters { centres, of_point } =
-            kmeans::cluster(&points, &vec![1.0; points.len()], count);
+        let weight = |i| match precision.weighted {
+            true => libm::exp(scene.log_prominence(i).clamp(-60.0, 60.0)) as f32,
+            false => 1.0,
+        };
+        let weights: Vec<f32> = (0..scene.len()).map(weight).collect();
+        let kmeans::Clusters { centres, of_point } = kmeans::cluster(&points, &weights, count);
         // From weak to strong: rows of the image then have entries of one kind, and so few bits.
         let energy = |entry: &[f32; D]| entry.iter().map(|v| v * v).sum::<f32>();
         let mut order: Vec<usize> = (0..centres.len()).collect();

@@ -4,7 +4,7 @@ use super::answer::Answer;
 use crate::commands::encode;
 use crate::output::{self, Output, is_stdio};
 use crate::report::Reporter;
-use crate::{content, doubts, exit, input, loss, views};
+use crate::{content, doubts, exit, format, input, loss, views};
 use anyhow::{Context, Result, anyhow, bail};
 use finetune::{LossViews, Viewpoint};
 use gs_model::{Camera, View};
@@ -79,7 +79,8 @@ impl StreamMaker {
             if is_stdio(output) {
                 bail!(exit::usage("-o -: the page saves streams as files"));
             }
-            output::check(output, args.force, &[model])?;
+            format::check_stream_name(output)?;
+            output::folder_of(&output::check(output, args.force, &[model])?)?;
         }
         let scene = input::strict(model)?.scene;
         let (photos, placed) = views::with_photos(args.cameras.as_deref(), &scene)?;

@@ -11,7 +11,7 @@ use gpcc_lite::raht::Rows;
 use gs_model::{Scene, SceneMut};
 use std::collections::BTreeMap;
 
-const ROUNDS: usize = 10;
+const ROUNDS: usize = 6;
 /// Most curves, and the least share of the energy that one has.
 const MOST: usize = 16;
 const SHARE: f64 = 1e-4;

@@ -60,16 +60,10 @@ fn shells(means: &[[f32; 3]]) -> Vec<Vec<usize>> {
 
 /// The `n` of these Gaussians that show least, by opacity and area, ascending; none if there are fewer.
 fn least(scene: &Scene, of: &[usize], n: usize) -> Vec<usize> {
-    let shows = |i: usize| {
-        let mut scales = scene.log_scales[i];
-        scales.sort_unstable_by(f32::total_cmp);
-        let log_alpha = -libm::log1p(libm::exp(-f64::from(scene.opacity_logits[i])));
-        log_alpha + f64::from(scales[1]) + f64::from(scales[2])
-    };
     if n == 0 || n > of.len() {
         return Vec::new();
     }
-    let mut by_show: Vec<(f64, usize)> = of.iter().map(|&i| (shows(i), i)).collect();
+    let mut by_show: Vec<(f64, usize)> = of.iter().map(|&i| (scene.log_prominence(i), i)).collect();
     by_show.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     let mut least: Vec<usize> = by_show[..n].iter().map(|&(_, i)| i).collect();
     least.sort_unstable();
