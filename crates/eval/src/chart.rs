@@ -31,7 +31,7 @@ impl Axis {
     }
 
     /// Laid out over `values`.
-    fn place(&self, values: impl Iterator<Item = f64>) -> Placed {
+    fn place(&self, values: impl Iterator<Item = f64>) -> AxisLayout {
         let (low, high) =
             values.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
         let (low, high) = if low <= high { (low, high) } else { (0.0, 1.0) };
@@ -41,7 +41,7 @@ impl Axis {
         let ends = (low - air, high + air);
         let ticks = if log { decades(ends.0, ends.1) } else { multiples(ends.0, ends.1) };
         let label = if log { format!("{}, logarithmic", self.label) } else { self.label.clone() };
-        Placed { label, log, ends, ticks }
+        AxisLayout { label, log, ends, ticks }
     }
 }
 
@@ -52,7 +52,7 @@ const AIR: f64 = 0.04;
 
 /// An axis laid out.
 #[derive(Clone)]
-struct Placed {
+struct AxisLayout {
     label: String,
     log: bool,
     /// Of the values, or of their decimal logarithms.
@@ -61,7 +61,7 @@ struct Placed {
     ticks: Vec<f64>,
 }
 
-impl Ranged for Placed {
+impl Ranged for AxisLayout {
     type FormatOption = NoDefaultFormatting;
     type ValueType = f64;
 
@@ -82,7 +82,7 @@ impl Ranged for Placed {
     }
 }
 
-impl ValueFormatter<f64> for Placed {
+impl ValueFormatter<f64> for AxisLayout {
     fn format_ext(&self, value: &f64) -> String {
         if self.log && *value < 1e-3 {
             return format!("{value:.0e}");
@@ -225,7 +225,7 @@ impl Chart {
         }))
     }
 
-    fn draw(&self, area: &Area<'_>) -> Drawn {
+    fn draw(&self, area: &Area<'_>) -> Drawing {
         let points = || self.series.iter().flat_map(|s| &s.points);
         let x = self.x.place(points().map(|p| p.0));
         let y = self.y.place(points().map(|p| p.1).chain(self.level.iter().map(|l| l.0)));
@@ -283,22 +283,22 @@ impl Chart {
 
 /// A place on the picture.
 type Pixel = (i32, i32);
-type Drawn = Result<(), DrawingAreaErrorKind<std::io::Error>>;
+type Drawing = Result<(), DrawingAreaErrorKind<std::io::Error>>;
 
 fn colour(index: usize) -> RGBColor {
     COLOURS[index % COLOURS.len()]
 }
 
-fn path(area: &Area<'_>, line: &[Pixel], width: u32, colour: RGBColor) -> Drawn {
+fn path(area: &Area<'_>, line: &[Pixel], width: u32, colour: RGBColor) -> Drawing {
     area.draw(&PathElement::new(line, colour.stroke_width(width)))
 }
 
-fn dashed(area: &Area<'_>, line: &[Pixel], width: u32, colour: RGBColor) -> Drawn {
+fn dashed(area: &Area<'_>, line: &[Pixel], width: u32, colour: RGBColor) -> Drawing {
     area.draw(&DashedPathElement::new(line.iter().copied(), 6, 4, colour.stroke_width(width)))
 }
 
 /// A mark whose shape follows the place in the legend, so that colour is not needed.
-fn mark(area: &Area<'_>, index: usize, at: Pixel) -> Drawn {
+fn mark(area: &Area<'_>, index: usize, at: Pixel) -> Drawing {
     let style = colour(index).filled();
     let (x, y) = at;
     // Colours come again after eight lines; then with another shape.

@@ -9,7 +9,7 @@ use gs_model::{Format, Invalid, ReadOptions, Scene};
 use crate::published;
 use crate::record::{Curve, Record};
 use crate::scenes::TestScene;
-use crate::study::{Encoded, Study, slug};
+use crate::study::{StreamRecord, Study, slug};
 
 /// Bits of SH coefficients of degree 1 and of the others, which are the rate of SPZ. 5 and 4 are the default of
 /// Niantic's packer.
@@ -68,7 +68,7 @@ fn point(
 ) -> Result<Record> {
     let (stem, extension) = file.split_once('.').unwrap_or((file, ""));
     let name = slug(&format!("{stem} {extension} {setting}"));
-    let encode = || Encoded::timed(|| Ok((encode()?, Vec::new())));
+    let encode = || StreamRecord::timed(|| Ok((encode()?, Vec::new())));
     let record = study.point(&study.cache, &name, extension, &(), encode, decode)?;
     Ok(Record { setting: setting.into(), ..record })
 }

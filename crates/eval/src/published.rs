@@ -14,7 +14,7 @@ use crate::record::{Curve, Record};
 
 /// `data/published.json`.
 #[derive(Deserialize)]
-struct Published {
+struct PublishedCurves {
     scenes: BTreeMap<String, PublishedScene>,
 }
 
@@ -40,7 +40,7 @@ struct List {
 /// The published curves of a scene; they are built in.
 fn published(scene: &str) -> Result<Vec<Curve>> {
     let text = include_str!("../data/published.json");
-    let mut all: Published = serde_json::from_str(text).context("data/published.json")?;
+    let mut all: PublishedCurves = serde_json::from_str(text).context("data/published.json")?;
     let lists = all.scenes.remove(scene).map(|s| s.lists).unwrap_or_default();
     Ok(lists.into_iter().map(List::curve).collect())
 }

@@ -34,7 +34,7 @@ pub(crate) struct Study {
 }
 
 /// A stream.
-pub(crate) struct Encoded {
+pub(crate) struct StreamRecord {
     pub(crate) bytes: Vec<u8>,
     /// Bytes by what they are for.
     pub(crate) parts: Vec<(String, u64)>,
@@ -42,7 +42,7 @@ pub(crate) struct Encoded {
     pub(crate) usage: Usage,
 }
 
-impl Encoded {
+impl StreamRecord {
     /// What an encoder in this process returns, with its seconds.
     pub(crate) fn timed(
         encode: impl FnOnce() -> Result<(Vec<u8>, Vec<(&'static str, u64)>)>,
@@ -149,14 +149,15 @@ impl Study {
         name: &str,
         extension: &str,
         settings: &impl Serialize,
-        encode: impl FnOnce() -> Result<Encoded>,
+        encode: impl FnOnce() -> Result<StreamRecord>,
         decode: impl FnOnce(&[u8]) -> Result<Scene>,
     ) -> Result<Record> {
         let stage = format!("code-{name}");
         if let Some(record) = cache.find(&stage, settings, |r| self.has_stream(r))? {
             return Ok(record);
         }
-        let Encoded { bytes, parts, usage } = encode().with_context(|| format!("encode {name}"))?;
+        let StreamRecord { bytes, parts, usage } =
+            encode().with_context(|| format!("encode {name}"))?;
         let (decoded, decode_seconds) = timed(|| decode(&bytes));
         let decoded = decoded.with_context(|| format!("decode {name}"))?;
         let stream = self.stream(name, extension)?;

@@ -5,14 +5,14 @@ use gs_model::{Camera, Scene};
 use crate::image::Image;
 use crate::options::RenderOptions;
 use crate::stages::blend::{LANES, TilePixels, blend};
-use crate::stages::project::{Projected, RenderView, Splats, project};
+use crate::stages::project::{ProjectedSplat, RenderView, Splats, project};
 use crate::stages::sort_depth::sort_depth;
 use crate::stages::tiles::{TileLists, tile_lists};
 
 /// Buffers of the forward pass, reused from one render to the next.
 #[derive(Default)]
 pub(crate) struct Forward {
-    pub(crate) projected: Projected,
+    pub(crate) projected: ProjectedSplat,
     pub(crate) order: Vec<u32>,
     pub(crate) lists: TileLists,
     pub(crate) tiles: Vec<TilePixels>,

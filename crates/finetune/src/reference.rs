@@ -7,7 +7,7 @@ use gs_model::{Camera, Scene};
 use crate::options::RenderOptions;
 pub use crate::stages::f64_instance::GradientF64;
 use crate::stages::f64_instance::View;
-use crate::stages::project::{Projected, RenderView, project};
+use crate::stages::project::{ProjectedSplat, RenderView, project};
 
 /// Where a view shows a Gaussian, and how.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -25,7 +25,7 @@ pub struct Footprint {
 /// The footprints as the rasterizer computes them, in single precision; `None` for a Gaussian that the view does not show.
 #[must_use]
 pub fn footprints(scene: &Scene, camera: &Camera) -> Vec<Option<Footprint>> {
-    let mut projected = Projected::default();
+    let mut projected = ProjectedSplat::default();
     project(&RenderView::new(camera, &RenderOptions::default()), scene, &mut projected);
     let of = |place: usize| {
         let s = projected.seen.splats[place];

@@ -83,7 +83,7 @@ impl Report {
 
 /// What became of the Gaussians of a file after they were read.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Cleaned {
+pub(crate) struct CleaningReport {
     read: usize,
     dropped: usize,
     kept: usize,
@@ -91,7 +91,7 @@ pub(crate) struct Cleaned {
     doubts: Doubts,
 }
 
-impl Cleaned {
+impl CleaningReport {
     /// Adds it to the report.
     pub(crate) fn report(self, report: &mut Report) {
         (report.gaussians_in_file, report.dropped) = (self.read, self.dropped);
@@ -114,7 +114,7 @@ impl Cleaned {
 impl ReadOptions {
     /// Cleans a scene just read and reports it. `file` is for the message.
     pub(crate) fn apply(&self, file: &Path, scene: &mut Scene, report: &mut Report) -> Result<()> {
-        let mut cleaned = Cleaned::default();
+        let mut cleaned = CleaningReport::default();
         self.clean(file, scene, &mut cleaned)?;
         cleaned.report(report);
         Ok(())
@@ -126,7 +126,7 @@ impl ReadOptions {
         &self,
         file: &Path,
         scene: &mut Scene,
-        cleaned: &mut Cleaned,
+        cleaned: &mut CleaningReport,
     ) -> Result<()> {
         let first = cleaned.read;
         cleaned.read += scene.len();

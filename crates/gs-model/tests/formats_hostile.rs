@@ -4,7 +4,7 @@
 mod common;
 
 use common::{DROP, assert_within, fixture, gltf_of, is_broken, read, says, written};
-use gs_model::gltf::Compressed;
+use gs_model::gltf::CompressedGltf;
 use gs_model::{Codec, Format, ReadOptions, Scene, model};
 use proptest::prelude::*;
 use serde_json::json;
@@ -156,7 +156,7 @@ fn compressed_gaussians_beyond_what_their_bytes_may_hold_need_the_callers_word()
         Codec { extension: "TEST", most: |bytes| bytes, decode: |_, n| Ok(Scene::zeros(n, 0)) };
     let mut file = Vec::new();
     let bounds = [[0.0; 3]; 2];
-    Compressed { extension: "TEST", data: &[0; 8], count: 9, sh_degree: 0, bounds }
+    CompressedGltf { extension: "TEST", data: &[0; 8], count: 9, sh_degree: 0, bounds }
         .write_to("a.glb", &mut file)
         .unwrap();
     let read = |max_gaussians| {

@@ -19,7 +19,7 @@ pub(crate) enum Error {
     Buffer { have: usize, need: usize },
     #[cfg(feature = "encode")]
     #[error("{0}")]
-    Missed(gsvx::Missed),
+    Missed(gsvx::MissedAim),
     #[cfg(feature = "encode")]
     #[error("the arrays of {0} Gaussians do not fit the memory")]
     TooMany(u64),

@@ -76,12 +76,12 @@ fn floats_in_c_sharp_are_those_of_the_rust_decoder() {
 }
 
 /// The importer's floats.
-struct Imported {
+struct ImportedFunction {
     floats: Vec<f32>,
     at: usize,
 }
 
-impl Imported {
+impl ImportedFunction {
     fn take(&mut self, count: usize) -> &[f32] {
         self.at += count;
         &self.floats[self.at - count..self.at]
@@ -103,7 +103,7 @@ fn the_importer_makes_scenes_in_unitys_coordinates() {
     for (name, path) in goldens() {
         let out = run(mono(&program).arg(&path).arg("0")).stdout;
         let floats = out.as_chunks().0.iter().map(|&b| f32::from_ne_bytes(b)).collect();
-        let mut imported = Imported { floats, at: 0 };
+        let mut imported = ImportedFunction { floats, at: 0 };
         let mut scene = gsvx::decode(&std::fs::read(&path).expect("a golden")).expect("a golden");
         Axes::Unity.turn(&mut scene);
         let n = scene.len();

@@ -4,7 +4,7 @@ use crate::exit::{note, usage};
 use crate::input::{self, LoadedModel, OpenedInput, ReadingAny};
 use crate::output::{Output, Written};
 use anyhow::{Context, Result};
-use gs_model::gltf::Compressed;
+use gs_model::gltf::CompressedGltf;
 use gsvx::{Aim, DEFAULT_QUALITY, DecodeOptions, Decoder, Encoder, Index};
 use std::path::Path;
 
@@ -49,7 +49,7 @@ pub(crate) fn write(output: Output, stream: &[u8]) -> Result<(Written, usize, u8
     let extension = gsvx::gltf::CODEC.extension;
     let bounds = bounds(&index);
     let name = output.name();
-    let file = Compressed { extension, data: stream, count, sh_degree, bounds };
+    let file = CompressedGltf { extension, data: stream, count, sh_degree, bounds };
     Ok((output.write(|out| Ok(file.write_to(&name, out)?))?, count, sh_degree))
 }
 

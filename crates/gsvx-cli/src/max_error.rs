@@ -1,7 +1,7 @@
 //! `gsvx encode --max-error`: bounds on errors, and what they became.
 
 use crate::output::counted;
-use gsvx::{Encoded, MaxError};
+use gsvx::{EncodedStream, MaxError};
 use serde_json::{Value, json};
 
 /// Reads `0.01`, or `0.01,mean=0.05`, or a number for each name.
@@ -40,7 +40,7 @@ const USE: &str =
     "use a number such as 0.01, or 0.01,mean=0.05 with the names mean, opacity, shape, sh";
 
 /// For a person.
-pub(crate) fn human(encoded: &Encoded) -> Option<String> {
+pub(crate) fn human(encoded: &EncodedStream) -> Option<String> {
     let e = encoded.max_error?;
     Some(format!(
         "largest errors, measured: mean {:.2e} of the Gaussian's longest axis, opacity {:.2e}, shape {:.2e}, \
@@ -54,7 +54,7 @@ pub(crate) fn human(encoded: &Encoded) -> Option<String> {
 }
 
 /// The same as JSON.
-pub(crate) fn json(encoded: &Encoded) -> Option<Value> {
+pub(crate) fn json(encoded: &EncodedStream) -> Option<Value> {
     let MaxError { mean, opacity, shape, sh } = encoded.max_error?;
     let exact = encoded.exact();
     Some(json!({ "mean": mean, "opacity": opacity, "shape": shape, "sh": sh, "exact": exact }))

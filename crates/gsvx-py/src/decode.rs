@@ -11,7 +11,7 @@ use pyo3::types::{IntoPyDict, PyDict};
 /// What of a stream is decoded, as Python has it.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
-pub(crate) struct Wanted {
+pub(crate) struct DecodeRequest {
     max_sh_degree: u8,
     lod: u8,
     salvage: bool,
@@ -24,7 +24,7 @@ pub(crate) fn decompress<'py>(
     py: Python<'py>,
     stream: PyBackedBytes,
     name: String,
-    wanted: Wanted,
+    wanted: DecodeRequest,
 ) -> PyResult<(Bound<'py, PyDict>, Vec<String>)> {
     let mut options = DecodeOptions::default();
     options.max_sh_degree = wanted.max_sh_degree;

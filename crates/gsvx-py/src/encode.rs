@@ -6,8 +6,8 @@ use crate::cameras::{CameraArrays, Cameras};
 use crate::error::{Fault, Result};
 use gs_model::{Doubts, Limits, Scene};
 use gsvx::{
-    Aim, CodeOptions, EncodeOptions, EncodeProgress, Encoded, LEFT_OUT, Leaves, MaxError, Measure,
-    PrepareOptions,
+    Aim, CodeOptions, EncodeOptions, EncodeProgress, EncodedStream, LEFT_OUT, Leaves, MaxError,
+    Measure, PrepareOptions,
 };
 use numpy::PyArray1;
 use pyo3::prelude::*;
@@ -160,7 +160,7 @@ fn encode(
     Ok(CompressResult { outcome, rows, invalid, warnings, seconds: start.elapsed().as_secs_f64() })
 }
 
-fn made(encodes: u64, quality: f32, encoded: &Encoded) -> Event {
+fn made(encodes: u64, quality: f32, encoded: &EncodedStream) -> Event {
     let values = vec![
         ("quality", quality.into()),
         ("bytes", encoded.bytes.len() as f64),

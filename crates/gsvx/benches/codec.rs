@@ -32,7 +32,7 @@ fn codec(c: &mut Criterion) {
     g.sample_size(10).throughput(Throughput::Elements(scene.len() as u64));
     g.bench_function("yardstick: copy of the model", |b| b.iter(|| black_box(&scene).clone()));
     g.bench_function("prepare", |b| b.iter(prepare));
-    let gsvx::Prepared { scene: merged, voxels, importance, .. } = prepare();
+    let gsvx::VoxelScene { scene: merged, voxels, importance, .. } = prepare();
     let default = CodeOptions::default();
     let lod = CodeOptions { lod: true, ..default };
     let mut base = DecodeOptions::default();

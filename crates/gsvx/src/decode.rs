@@ -48,7 +48,7 @@ pub struct DecodeOptions {
     /// Level of detail: 0 is the finest. A number above the coarsest level stands for the coarsest.
     pub lod: u8,
     /// Leave out layers that are missing or damaged instead of failing, and list them in
-    /// [`Decoded::skipped`]. Every chunk is decoded twice.
+    /// [`DecodeOutcome::skipped`]. Every chunk is decoded twice.
     pub salvage: bool,
     /// Greatest number of Gaussians accepted; `None` derives it from the stream's length: [`default_max_gaussians`].
     pub max_gaussians: Option<u64>,
@@ -62,7 +62,7 @@ impl Default for DecodeOptions {
 
 /// A decoded scene.
 #[derive(Clone, Debug)]
-pub struct Decoded {
+pub struct DecodeOutcome {
     /// The Gaussians: chunk after chunk, in Morton order, then those that were coded exactly.
     pub scene: Scene,
     /// The stream's head.
@@ -83,7 +83,7 @@ pub fn decode(bytes: &[u8]) -> Result<Scene> {
 ///
 /// # Errors
 /// As [`decode`]; see [`DecodeOptions::salvage`].
-pub fn decode_with(bytes: &[u8], options: &DecodeOptions) -> Result<Decoded> {
+pub fn decode_with(bytes: &[u8], options: &DecodeOptions) -> Result<DecodeOutcome> {
     let decoder = Decoder::new(bytes, options)?;
     let mut scene = decoder.empty_scene();
     let likely = default_max_gaussians(bytes.len() as u64, decoder.sh_degree());
@@ -99,7 +99,7 @@ pub fn decode_with(bytes: &[u8], options: &DecodeOptions) -> Result<Decoded> {
         Ok(())
     })?;
     let Decoder { index, skipped, .. } = decoder;
-    Ok(Decoded { scene, index, skipped })
+    Ok(DecodeOutcome { scene, index, skipped })
 }
 
 /// The leaves of a stream and their importance classes, in the order of the Gaussians. Gaussians that are

@@ -19,16 +19,16 @@ mod reader;
 pub mod sequence;
 
 pub use decode::{
-    ALWAYS_ACCEPTED, DEFAULT_GROWTH, DecodeOptions, Decoded, Decoder, Source, decode,
+    ALWAYS_ACCEPTED, DEFAULT_GROWTH, DecodeOptions, DecodeOutcome, Decoder, Source, decode,
     decode_leaves, decode_with, default_max_gaussians, faults,
 };
 #[cfg(feature = "encode")]
 pub use encoder::{
     Aim, Choices, CoarseCells, CodeOptions, DEFAULT_QUALITY, EncodeOptions, EncodeProgress,
-    EncodeWarning, Encoded, Encoder, EncoderOutput, ImportanceFrom, Joined, LEFT_OUT, Leaves,
-    MaxError, Measure, Missed, Plan, PrepareOptions, Prepared, Preset, SequenceEncoder,
-    SequenceOptions, Survey, check_values, decimate, encode, encode_lossless, encode_voxels, join,
-    latents, prepare, prune, rate,
+    EncodeWarning, EncodedStream, Encoder, EncoderOutput, ImportanceFrom, JoinOutcome, LEFT_OUT,
+    Leaves, MaxError, Measure, MissedAim, Plan, PrepareOptions, Preset, SequenceEncoder,
+    SequenceOptions, Survey, VoxelScene, check_values, decimate, encode, encode_lossless,
+    encode_voxels, join, latents, prepare, prune, rate,
 };
 pub use error::{Error, Result};
 pub use gpcc_lite::{Cube, Leaf, Octree};

@@ -9,20 +9,20 @@ use common::{
     Rng, decoding, encode, encode_voxels, encoding, leaves, scene, voxelized, with_floaters,
 };
 use gsvx::{
-    Decoded, EncodeOptions, Encoded, Error, Index, Kind, Reader, decode, decode_leaves,
+    DecodeOutcome, EncodeOptions, EncodedStream, Error, Index, Kind, Reader, decode, decode_leaves,
     decode_with, default_max_gaussians, encode_lossless,
 };
 use std::time::{Duration, Instant};
 use voxel::Strategy;
 
 /// A small stream of several chunks.
-fn small(n: usize) -> Encoded {
+fn small(n: usize) -> EncodedStream {
     let options = encoding(|o| o.chunk_leaves = leaves(n.div_ceil(3)));
     let (merged, voxels) = voxelized(&scene(n, 3, 9), &Strategy::paper(3, 9));
     encode_voxels(&merged, voxels.octree(), Some(&scene(2, 3, 1)), &options).unwrap()
 }
 
-fn salvage(bytes: &[u8]) -> Result<Decoded, Error> {
+fn salvage(bytes: &[u8]) -> Result<DecodeOutcome, Error> {
     decode_with(bytes, &decoding(|o| o.salvage = true))
 }
 
@@ -41,7 +41,7 @@ fn decode_all_ways(bytes: &[u8]) {
 
 #[test]
 fn truncated_at_every_byte() {
-    let Encoded { bytes, index, .. } = small(60);
+    let EncodedStream { bytes, index, .. } = small(60);
     assert_eq!(index.chunks.len(), 4);
     let whole = decode(&bytes).unwrap();
     for end in 0..bytes.len() {
@@ -88,7 +88,7 @@ fn every_flipped_bit_is_noticed() {
 
 #[test]
 fn damage_of_the_head_shows() {
-    let Encoded { bytes, index, .. } = small(40);
+    let EncodedStream { bytes, index, .. } = small(40);
     for at in 13..index.head_len as usize {
         let mut broken = bytes.clone();
         broken[at] ^= 4;
@@ -101,7 +101,7 @@ fn damage_of_the_head_shows() {
 
 #[test]
 fn damage_in_one_chunk_costs_that_chunk_alone() {
-    let Encoded { bytes, index, .. } = small(60);
+    let EncodedStream { bytes, index, .. } = small(60);
     let whole = decode(&bytes).unwrap();
     let mut first = 0;
     for (number, chunk) in index.chunks.iter().enumerate() {
@@ -191,7 +191,7 @@ fn damaged_heads_behind_a_valid_checksum_never_panic() {
 }
 
 /// A head and layers after changes to the head; lengths and checksums of layers as `change` leaves them.
-fn forged(encoded: &Encoded, change: impl FnOnce(&mut Index)) -> Vec<u8> {
+fn forged(encoded: &EncodedStream, change: impl FnOnce(&mut Index)) -> Vec<u8> {
     let mut index = encoded.index.clone();
     change(&mut index);
     let mut out = head(&index);

@@ -2,7 +2,9 @@
 
 use gs_model::Scene;
 use gsvx::latents::Latents;
-use gsvx::{CodeOptions, Encoded, PrepareOptions, Prepared, Steps, decode, encode_voxels, prepare};
+use gsvx::{
+    CodeOptions, EncodedStream, PrepareOptions, Steps, VoxelScene, decode, encode_voxels, prepare,
+};
 use std::num::NonZeroUsize;
 use testing::{Rng, with_related_degrees};
 
@@ -11,7 +13,7 @@ fn trained_like(n: usize, sh_degree: u8, seed: u64) -> Scene {
     Scene { antialiased: true, origin: [5e5, 0.5, 0.0], ..with_related_degrees(scene) }
 }
 
-fn prepared(n: usize, sh_degree: u8) -> Prepared {
+fn prepared(n: usize, sh_degree: u8) -> VoxelScene {
     let scene = trained_like(n, sh_degree, 7);
     prepare(&scene, None, 55.0, &PrepareOptions::default()).unwrap()
 }
@@ -24,12 +26,12 @@ fn chunks_of(leaves: usize) -> CodeOptions {
     CodeOptions { chunk_leaves: NonZeroUsize::new(leaves).unwrap(), ..CodeOptions::default() }
 }
 
-fn latents(p: &Prepared, options: &CodeOptions) -> Latents {
-    let Prepared { scene, voxels, importance, .. } = p;
+fn latents(p: &VoxelScene, options: &CodeOptions) -> Latents {
+    let VoxelScene { scene, voxels, importance, .. } = p;
     Latents::new(scene, voxels.octree(), importance, steps(50.0), options).unwrap()
 }
 
-fn encoded_as(scene: &Scene, p: &Prepared, options: &CodeOptions) -> Encoded {
+fn encoded_as(scene: &Scene, p: &VoxelScene, options: &CodeOptions) -> EncodedStream {
     let importance = Some(&p.importance[..]);
     encode_voxels(scene, p.voxels.octree(), None, importance, &steps(50.0), options).unwrap()
 }
@@ -46,7 +48,7 @@ fn assert_same(a: &Scene, b: &Scene) {
 }
 
 /// A stream leaves out SH degrees that are zero everywhere.
-fn as_coded(scene: &Scene, encoded: &Encoded) -> Scene {
+fn as_coded(scene: &Scene, encoded: &EncodedStream) -> Scene {
     let mut out = Scene { sh_degree: encoded.index.header.sh_degree, ..Scene::default() };
     out.append(scene);
     let left_out = |i: usize| scene.sh_of(i)[out.sh_len()..].iter().all(|v| *v == [0.0; 3]);
@@ -55,7 +57,7 @@ fn as_coded(scene: &Scene, encoded: &Encoded) -> Scene {
 }
 
 /// The bytes that a fit counts, and the stream, which has about as many and decodes to the scene of the fit.
-fn counted_and_coded(latents: &mut Latents, scene: &mut Scene) -> (u64, Encoded) {
+fn counted_and_coded(latents: &mut Latents, scene: &mut Scene) -> (u64, EncodedStream) {
     let counted = latents.reconstruct(true, None, scene).unwrap().unwrap();
     let encoded = latents.encode(None).unwrap();
     assert_same(&decode(&encoded.bytes).unwrap(), &as_coded(scene, &encoded));
@@ -92,7 +94,7 @@ fn a_coarse_level_comes_first_and_is_counted() {
     let (counted, encoded) = counted_and_coded(&mut latents, &mut scene);
     assert!(counted > plain, "{counted}, {plain} without levels");
     // Where chunks begin, and the bytes of the coarse ones, are those of the encoder.
-    let coarse = |encoded: &Encoded| -> Vec<_> {
+    let coarse = |encoded: &EncodedStream| -> Vec<_> {
         let chunks = encoded.index.chunks.iter();
         chunks.map(|c| (c.lod, c.first_cell, c.layers[0].crc * u32::from(c.lod > 0))).collect()
     };

@@ -5,16 +5,16 @@ mod common;
 
 use common::{decoding, encode, encoding, leaves, room, scene, trained_scene, with_floaters};
 use gs_model::Scene;
-use gsvx::{Encoded, Kind, decode, decode_leaves, decode_with};
+use gsvx::{EncodedStream, Kind, decode, decode_leaves, decode_with};
 
 /// The last byte of the coarsest level.
-fn end_of_coarsest(encoded: &Encoded) -> usize {
+fn end_of_coarsest(encoded: &EncodedStream) -> usize {
     let coarsest = encoded.index.coarsest_lod();
     let chunks = encoded.index.chunks.iter().filter(|c| c.lod == coarsest);
     chunks.map(|c| c.range(4).end).max().unwrap() as usize
 }
 
-fn tree() -> (Scene, Encoded) {
+fn tree() -> (Scene, EncodedStream) {
     let scene = scene(20_000, 1, 4);
     let options = encoding(|o| (o.lod, o.chunk_leaves) = (true, leaves(100)));
     let encoded = encode(&scene, &options).unwrap();
@@ -24,7 +24,7 @@ fn tree() -> (Scene, Encoded) {
 
 #[test]
 fn each_level_decodes_alone_from_the_front() {
-    let Encoded { bytes, index, .. } = tree().1;
+    let EncodedStream { bytes, index, .. } = tree().1;
     let mut last = 0;
     for lod in (0..=index.coarsest_lod()).rev() {
         let chunks = index.chunks.iter().filter(|c| c.lod == lod);
@@ -77,7 +77,7 @@ fn the_finest_level_is_the_same_without_others() {
     let with = encode(&scene, &encoding(|o| o.lod = true)).unwrap();
     assert_eq!((plain.index.coarsest_lod(), with.index.coarsest_lod()), (0, 1));
     assert!(plain.bytes.len() < with.bytes.len());
-    let layers = |e: &Encoded| -> Vec<Vec<u8>> {
+    let layers = |e: &EncodedStream| -> Vec<Vec<u8>> {
         let fine = e.index.chunks.iter().filter(|c| c.lod == 0);
         fine.map(|c| e.bytes[c.range(4).start as usize..c.range(4).end as usize].to_vec()).collect()
     };

@@ -6,10 +6,10 @@ mod common;
 use common::{room, scene, trained_scene};
 use gs_model::Scene;
 use gsvx::covariance::coordinates;
-use gsvx::{Aim, EncodeOptions, Encoded, Encoder, Error, Kind, MaxError, decode};
+use gsvx::{Aim, EncodeOptions, EncodedStream, Encoder, Error, Kind, MaxError, decode};
 use proptest::prelude::*;
 
-fn bounded(scene: &Scene, bounds: MaxError) -> Encoded {
+fn bounded(scene: &Scene, bounds: MaxError) -> EncodedStream {
     Encoder::new(Aim::MaxError(bounds)).encode(scene, None).unwrap().encoded
 }
 
@@ -74,7 +74,7 @@ fn augment(
     false
 }
 
-fn check(scene: &Scene, bounds: MaxError) -> Encoded {
+fn check(scene: &Scene, bounds: MaxError) -> EncodedStream {
     let encoded = bounded(scene, bounds);
     let decoded = decode(&encoded.bytes).unwrap();
     assert_eq!(decoded.len(), scene.len(), "nothing is merged, nothing is left out");
@@ -87,7 +87,7 @@ fn check(scene: &Scene, bounds: MaxError) -> Encoded {
     encoded
 }
 
-fn exact(encoded: &Encoded) -> u64 {
+fn exact(encoded: &EncodedStream) -> u64 {
     let chunks = encoded.index.chunks.iter();
     chunks.filter(|c| c.kind == Kind::Exact).map(|c| c.count).sum()
 }

@@ -61,8 +61,9 @@ fn importances_of_outliers_are_left_out() {
     };
     let (all, alone) = (encode(&scene, &importance), encode(&scene.select(&inside), &rest));
     let n = alone.index.chunks.len();
-    let layers =
-        |e: &gsvx::Encoded| e.index.chunks[..n].iter().map(|c| c.layers[0].crc).collect::<Vec<_>>();
+    let layers = |e: &gsvx::EncodedStream| {
+        e.index.chunks[..n].iter().map(|c| c.layers[0].crc).collect::<Vec<_>>()
+    };
     assert_eq!(layers(&all), layers(&alone));
 }
 

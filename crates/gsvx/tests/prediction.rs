@@ -6,7 +6,7 @@ mod common;
 use common::forge::{assemble, take_apart};
 use common::{Rng, decoding, leaves, on_threads, scene, steps, voxelized, with_related_degrees};
 use gs_model::Scene;
-use gsvx::{CodeOptions, Encoded, Error, decode, decode_with, encode_voxels};
+use gsvx::{CodeOptions, EncodedStream, Error, decode, decode_with, encode_voxels};
 use voxel::{Strategy, Voxelization};
 
 fn related(n: usize) -> (Scene, Voxelization) {
@@ -14,7 +14,7 @@ fn related(n: usize) -> (Scene, Voxelization) {
 }
 
 /// A stream of quality 85.
-fn encoded(scene: &Scene, voxels: &Voxelization, options: &CodeOptions) -> Encoded {
+fn encoded(scene: &Scene, voxels: &Voxelization, options: &CodeOptions) -> EncodedStream {
     encode_voxels(scene, voxels.octree(), None, None, &steps(85.0), options).unwrap()
 }
 

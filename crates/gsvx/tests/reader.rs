@@ -5,7 +5,9 @@ mod common;
 
 use common::{Rng, decoding, encode, encoding, leaves, scene, trained_scene, with_floaters};
 use gs_model::Scene;
-use gsvx::{CodeOptions, Decoder, EncodeOptions, Encoded, Error, Reader, decode, decode_with};
+use gsvx::{
+    CodeOptions, Decoder, EncodeOptions, EncodedStream, Error, Reader, decode, decode_with,
+};
 use std::ops::Range;
 use std::sync::Mutex;
 
@@ -41,7 +43,7 @@ impl<'a> Source<'a> {
     }
 }
 
-fn many_chunks() -> Encoded {
+fn many_chunks() -> EncodedStream {
     let (scene, _) = with_floaters(scene(8000, 2, 4));
     encode(&scene, &encoding(|o| o.chunk_leaves = leaves(50))).unwrap()
 }
@@ -58,7 +60,7 @@ fn put_together(reader: &mut Reader, lod: u8) -> Scene {
 
 #[test]
 fn one_chunk_is_read_with_its_base_layer_and_nothing_else() {
-    let Encoded { bytes, index, .. } = many_chunks();
+    let EncodedStream { bytes, index, .. } = many_chunks();
     assert!(index.chunks.len() > 100 && index.head_len > 4096);
     let whole = decode(&bytes).unwrap();
     let mut first = 0;
@@ -114,7 +116,7 @@ fn the_head_takes_two_requests_at_most() {
 
 #[test]
 fn a_damaged_head_can_be_given_again() {
-    let Encoded { bytes, index, .. } = many_chunks();
+    let EncodedStream { bytes, index, .. } = many_chunks();
     let mut broken = bytes.clone();
     broken[100] ^= 1;
     let mut reader = Reader::new();
@@ -128,7 +130,7 @@ fn a_damaged_head_can_be_given_again() {
 
 #[test]
 fn pieces_in_any_order_and_size_give_the_same_gaussians() {
-    let Encoded { bytes, .. } = many_chunks();
+    let EncodedStream { bytes, .. } = many_chunks();
     let whole = decode(&bytes).unwrap();
     let mut rng = Rng::seeded(7);
     for round in 0..12 {
@@ -156,7 +158,7 @@ fn pieces_in_any_order_and_size_give_the_same_gaussians() {
 
 #[test]
 fn what_is_missing_or_damaged_is_said() {
-    let Encoded { bytes, index, .. } = many_chunks();
+    let EncodedStream { bytes, index, .. } = many_chunks();
     let mut reader = Reader::new();
     assert!(matches!(reader.decode(0, 1), Err(Error::Truncated { .. })));
     reader.give(0, &bytes[..index.head_len as usize]).unwrap();
@@ -188,7 +190,7 @@ fn what_is_missing_or_damaged_is_said() {
 /// A piece of the end that came first took memory up to its offset.
 #[test]
 fn a_piece_far_from_the_start_takes_its_own_length() {
-    let Encoded { bytes, .. } = many_chunks();
+    let EncodedStream { bytes, .. } = many_chunks();
     let mut reader = Reader::new();
     reader.give(1 << 50, &[1; 20]).unwrap();
     reader.give(0, &bytes).unwrap();
@@ -259,7 +261,7 @@ fn blocks_are_the_scene() {
 
 #[test]
 fn a_damaged_layer_leaves_what_is_held() {
-    let Encoded { bytes, index, .. } = many_chunks();
+    let EncodedStream { bytes, index, .. } = many_chunks();
     let whole = decode(&bytes).unwrap();
     let mut damaged = bytes.clone();
     let layer = index.chunks[0].layers[1];

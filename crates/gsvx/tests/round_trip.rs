@@ -10,7 +10,7 @@ use common::{
 use gs_model::Scene;
 use gsvx::covariance::coordinates;
 use gsvx::{
-    Aim, DecodeOptions, EncodeOptions, Encoded, Encoder, Error, MaxError, Steps, decode,
+    Aim, DecodeOptions, EncodeOptions, EncodedStream, Encoder, Error, MaxError, Steps, decode,
     decode_leaves, decode_with, importance,
 };
 use voxel::{Strategy, Voxelization};
@@ -194,7 +194,11 @@ fn degrees_that_are_zero_are_left_out() {
     assert_eq!(degree([1e6, sh[1], 1e6]), 2);
 }
 
-fn by_importance(scene: &Scene, voxels: &Voxelization, given: &[f32]) -> gsvx::Result<Encoded> {
+fn by_importance(
+    scene: &Scene,
+    voxels: &Voxelization,
+    given: &[f32],
+) -> gsvx::Result<EncodedStream> {
     let options = EncodeOptions::default().code;
     gsvx::encode_voxels(scene, voxels.octree(), None, Some(given), &steps(80.0), &options)
 }

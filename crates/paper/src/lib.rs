@@ -46,7 +46,7 @@ pub use error::{Error, Result};
 pub use gpcc_lite::Limits;
 pub use sh_and_opacity::Qp;
 pub use voxel::{Strategy, Voxelization};
-pub use voxelization::{Voxelized, voxelize};
+pub use voxelization::{PaperVoxels, voxelize};
 
 /// The README's example, compiled and run.
 #[cfg(doctest)]

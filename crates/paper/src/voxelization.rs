@@ -9,7 +9,7 @@ use crate::error::Result;
 
 /// A voxelized scene: the paper's list of Gaussians at voxel centres.
 #[derive(Clone, Debug)]
-pub struct Voxelized {
+pub struct PaperVoxels {
     /// One Gaussian per leaf, in leaf order, at the leaf's centre. A fine-tune may change everything
     /// but the means.
     pub scene: Scene,
@@ -24,8 +24,8 @@ pub struct Voxelized {
 ///
 /// # Errors
 /// [`Error::Voxelization`](crate::Error::Voxelization).
-pub fn voxelize(scene: &Scene, strategy: &Strategy) -> Result<Voxelized> {
+pub fn voxelize(scene: &Scene, strategy: &Strategy) -> Result<PaperVoxels> {
     let voxels = voxel::voxelize(scene, &voxel::cube_of(&scene.means)?, strategy)?;
     let scene = voxel::merge(scene, &voxels, Merge::Paper)?;
-    Ok(Voxelized { scene, voxels })
+    Ok(PaperVoxels { scene, voxels })
 }

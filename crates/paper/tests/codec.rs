@@ -1,17 +1,19 @@
 //! The codec as its users see it: round trips, recorded streams, hostile input.
 
-use paper::{CovarianceCoding, Error, Limits, PaperOptions, PaperStream, Qp, Strategy, Voxelized};
+use paper::{
+    CovarianceCoding, Error, Limits, PaperOptions, PaperStream, PaperVoxels, Qp, Strategy,
+};
 use proptest::prelude::*;
 use testing::{Rng, sha256, trained_like};
 
 const QP: Qp = Qp { ac: 28, dc: 4, opacity: 16 };
 const LOSSY: CovarianceCoding = CovarianceCoding::Lossy { codebook_bits: 7 };
 
-fn voxelized(n: usize, sh_degree: u8, strategy: &Strategy) -> Voxelized {
+fn voxelized(n: usize, sh_degree: u8, strategy: &Strategy) -> PaperVoxels {
     paper::voxelize(&trained_like(n, sh_degree, &mut Rng::seeded(7)), strategy).unwrap()
 }
 
-fn encode(of: &Voxelized, covariance: CovarianceCoding) -> paper::PaperStream {
+fn encode(of: &PaperVoxels, covariance: CovarianceCoding) -> paper::PaperStream {
     paper::encode(&of.scene, of.voxels.octree(), None, &PaperOptions { qp: QP, covariance })
         .unwrap()
 }

@@ -66,7 +66,7 @@ fn paths(tree: &str) -> Vec<String> {
 }
 
 /// A path from the root of the crate which a file names.
-struct Named {
+struct NamedPath {
     path: Module,
     /// The name that the file gives it with `use`.
     alias: Option<String>,
@@ -95,7 +95,7 @@ fn from_root(path: &str, module: &Module, known: &BTreeMap<Module, PathBuf>) -> 
 }
 
 /// What a file names, in a `use` or where it needs it.
-fn named(module: &Module, text: &str, known: &BTreeMap<Module, PathBuf>) -> Vec<Named> {
+fn named(module: &Module, text: &str, known: &BTreeMap<Module, PathBuf>) -> Vec<NamedPath> {
     let mut out = Vec::new();
     let mut rest = String::new();
     let mut end = 0;
@@ -114,7 +114,7 @@ fn named(module: &Module, text: &str, known: &BTreeMap<Module, PathBuf>) -> Vec<
             let (path, alias) = path.split_once(" as ").unwrap_or((&path, ""));
             let Some(path) = from_root(path, module, known) else { continue };
             let alias = if alias.is_empty() { path.last().cloned() } else { Some(alias.into()) };
-            out.push(Named {
+            out.push(NamedPath {
                 path,
                 alias,
                 is_export: before.ends_with("pub") || before.ends_with(')'),
@@ -126,7 +126,7 @@ fn named(module: &Module, text: &str, known: &BTreeMap<Module, PathBuf>) -> Vec<
     let inline =
         words.filter(|w| ["crate::", "super::", "self::"].iter().any(|s| w.starts_with(s)));
     let inline = inline.filter_map(|path| from_root(path, module, known));
-    out.extend(inline.map(|path| Named { path, alias: None, is_export: false }));
+    out.extend(inline.map(|path| NamedPath { path, alias: None, is_export: false }));
     out
 }
 
@@ -159,7 +159,7 @@ fn arrows(source: &Path) -> BTreeMap<Module, BTreeSet<Module>> {
             aliases.insert(module.iter().cloned().chain([alias]).collect(), path.clone());
         }
     }
-    let of = |(module, names): &(&Module, Vec<Named>)| {
+    let of = |(module, names): &(&Module, Vec<NamedPath>)| {
         let used = names.iter().filter(|name| !name.is_export);
         let to = used.filter_map(|name| defining(&name.path, &known, &aliases));
         ((*module).clone(), to.filter(|to| !module.starts_with(to)).collect())

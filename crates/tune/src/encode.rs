@@ -7,7 +7,7 @@ use finetune::{
 use gs_model::{Camera, Scene, View};
 use gsvx::importance::with_unseen;
 use gsvx::{
-    Aim, EncodeOptions, EncodeProgress, Encoded, Encoder, EncoderOutput, LEFT_OUT, Measure,
+    Aim, EncodeOptions, EncodeProgress, EncodedStream, Encoder, EncoderOutput, LEFT_OUT, Measure,
 };
 use std::fmt;
 use std::ops::ControlFlow;
@@ -343,7 +343,7 @@ fn judged(
 }
 
 /// The decoded scene, taken from the stream if it was kept.
-fn decoded_of(encoded: &mut Encoded) -> gsvx::Result<Scene> {
+fn decoded_of(encoded: &mut EncodedStream) -> gsvx::Result<Scene> {
     encoded.decoded.take().map_or_else(|| encoded.decode(), Ok)
 }
 
@@ -381,7 +381,7 @@ fn leave_out_transparent(
 }
 
 /// Counts the Gaussians that [`leave_out_transparent`] left out.
-fn add_transparent(encoded: &mut Encoded, all: usize, drawn: &[usize]) {
+fn add_transparent(encoded: &mut EncodedStream, all: usize, drawn: &[usize]) {
     encoded.transparent += all - drawn.len();
     let rows = std::mem::replace(&mut encoded.rows, vec![LEFT_OUT; all]);
     drawn.iter().zip(rows).for_each(|(&i, row)| encoded.rows[i] = row);

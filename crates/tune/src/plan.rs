@@ -24,7 +24,7 @@
 //! - Fox trained with 50,000 Gaussians instead of 120,000 is smaller up to 31 dB, and takes half the time.
 
 use gs_model::Scene;
-use gsvx::{PrepareOptions, Prepared, Steps};
+use gsvx::{PrepareOptions, Steps, VoxelScene};
 
 use crate::error::{Error, Result};
 
@@ -165,7 +165,7 @@ pub(crate) fn prepare(
     importance: &[f32],
     quality: f32,
     drop_unseen: bool,
-) -> gsvx::Result<Prepared> {
+) -> gsvx::Result<VoxelScene> {
     let options = PrepareOptions { drop_unseen, ..PrepareOptions::default() };
     gsvx::prepare(scene, Some(importance), (quality - VOXEL_QUALITY_BELOW).max(0.0), &options)
 }

@@ -2,7 +2,7 @@
 
 use finetune::Removal;
 use gs_model::Scene;
-use gsvx::{Prepared, rate};
+use gsvx::{VoxelScene, rate};
 
 use crate::error::{Error, Result};
 use crate::options::{Target, TuneOptions};
@@ -86,7 +86,7 @@ fn probe(
     quality: f32,
     options: &TuneOptions,
 ) -> gsvx::Result<Vec<u8>> {
-    let Prepared { scene, voxels, importance, .. } =
+    let VoxelScene { scene, voxels, importance, .. } =
         plan::prepare(scene, importance, quality, options.drop_unseen)?;
     let (steps, code) = (plan::steps(quality)?, options.layout.code());
     let octree = voxels.octree();

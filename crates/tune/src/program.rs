@@ -10,7 +10,7 @@ use finetune::kernels::{
 };
 use gpcc_lite::attribute::CLASSES;
 use gsvx::latents::{
-    Attribute, EQUAL_AXES, GROUPS, Group, LOGIT_RANGE, Latents, Predicted, Transform,
+    Attribute, EQUAL_AXES, GROUPS, Group, LOGIT_RANGE, Latents, PredictFrom, Transform,
     TransformPrediction,
 };
 
@@ -48,8 +48,8 @@ fn shared() -> String {
         ("OPACITY", number(Attribute::Opacity)),
         ("COLOUR", number(Attribute::Colour { degree: 0 })),
         ("COVARIANCE", number(Attribute::Covariance)),
-        ("FROM_LEAF", Predicted::FromLeaf as usize),
-        ("FROM_BELOW", Predicted::FromBelow as usize),
+        ("FROM_LEAF", PredictFrom::FromLeaf as usize),
+        ("FROM_BELOW", PredictFrom::FromBelow as usize),
         ("PREDICTIONS", PREDICTIONS),
         ("CHUNK_WORDS", CHUNK_WORDS),
         ("LAST_CLASS", CLASSES - 1),
@@ -134,7 +134,7 @@ fn passes(groups: &[Group]) -> Vec<[u32; 2]> {
     let mut passes: Vec<[u32; 2]> = Vec::new();
     for (number, group) in (0..).zip(groups) {
         match passes.last_mut() {
-            Some([_, count]) if group.predicted != Predicted::FromBelow => *count += 1,
+            Some([_, count]) if group.predicted != PredictFrom::FromBelow => *count += 1,
             _ => passes.push([number, 1]),
         }
     }
@@ -143,7 +143,7 @@ fn passes(groups: &[Group]) -> Vec<[u32; 2]> {
 
 /// Factors of the predictions of a run of leaves: one for each coefficient and coefficient of the degree below.
 fn factors_of_run() -> usize {
-    let pairs = GROUPS.windows(2).filter(|pair| pair[1].predicted == Predicted::FromBelow);
+    let pairs = GROUPS.windows(2).filter(|pair| pair[1].predicted == PredictFrom::FromBelow);
     pairs.map(|pair| pair[0].channels / 3 * (pair[1].channels / 3)).sum()
 }
 

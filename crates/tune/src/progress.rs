@@ -3,7 +3,7 @@
 use finetune::metrics::Scores;
 use finetune::{Backend, BackendReport};
 use gs_model::Scene;
-use gsvx::Encoded;
+use gsvx::EncodedStream;
 
 use crate::views::AgainstInput;
 
@@ -98,7 +98,7 @@ pub struct Progress<'a> {
 #[derive(Clone, Debug)]
 pub struct TuneOutcome {
     /// The stream.
-    pub encoded: Encoded,
+    pub encoded: EncodedStream,
     /// What a decoder returns for it.
     pub scene: Scene,
     /// The bytes that the loop counted.

@@ -2,7 +2,7 @@
 
 use gpcc_lite::{Cube, Leaf, Octree};
 use gs_model::Scene;
-use gsvx::Prepared;
+use gsvx::VoxelScene;
 use gsvx::latents::Latents;
 
 use crate::checkpoint::{StateReader, StateWriter};
@@ -49,7 +49,7 @@ pub(crate) fn codec_loop(
 ) -> Result<Box<CodecLoop>> {
     views.gradients.move_means(false);
     let (importance, drop_unseen) = (views.importance(scene)?, views.drop_unseen());
-    let Prepared { scene, voxels, importance, outliers } =
+    let VoxelScene { scene, voxels, importance, outliers } =
         plan::prepare(scene, &importance, plan.quality, drop_unseen)?;
     if scene.is_empty() {
         return Err(Error::NothingSeen);

@@ -1,6 +1,6 @@
 //! Steering: the quality follows the target while the loop runs.
 
-use gsvx::Encoded;
+use gsvx::EncodedStream;
 
 use crate::codec_loop::CodecLoop;
 use crate::error::Result;
@@ -55,7 +55,7 @@ pub(crate) fn steer(state: &mut CodecLoop, target: Target, psnr: f64) -> Result<
 }
 
 /// The stream; with a target in bytes one that fits it, if there is one.
-pub(crate) fn fitting(state: &mut CodecLoop, target: Target) -> Result<Encoded> {
+pub(crate) fn fitting(state: &mut CodecLoop, target: Target) -> Result<EncodedStream> {
     let mut encoded = state.latents.encode(state.leaves.outliers.as_ref())?;
     let Target::Bytes(bytes) = target else { return Ok(encoded) };
     for _ in 0..LAST_TRIES {

@@ -9,7 +9,7 @@ use crate::error::Result;
 
 /// Where the sums are made: by the processor, unless there is an adapter.
 #[derive(Default)]
-pub(crate) struct Summed {
+pub(crate) struct DeviceSums {
     #[cfg(feature = "gpu")]
     pub(crate) adapter: Option<Adapter>,
     /// The processor goes on if the adapter fails.
@@ -21,7 +21,7 @@ pub(crate) struct Summed {
 }
 
 #[cfg(not(feature = "gpu"))]
-impl Summed {
+impl DeviceSums {
     /// By the processor, as the backend says.
     pub(crate) fn on(wanted: Backend) -> Result<Self> {
         backend::choose(wanted)?;
@@ -30,7 +30,7 @@ impl Summed {
 }
 
 #[cfg(feature = "gpu")]
-impl Summed {
+impl DeviceSums {
     /// Where the backend says.
     pub(crate) fn on(wanted: Backend) -> Result<Self> {
         let on_gpu = backend::choose(wanted)?.used == Backend::Gpu;
@@ -63,7 +63,7 @@ impl Summed {
     }
 }
 
-impl Summed {
+impl DeviceSums {
     /// Removal effects in the views of these cameras. `seen` gets the number and the render of each; after a failure of
     /// an adapter it gets them again from the first on.
     pub(crate) fn removal(
@@ -116,7 +116,7 @@ mod tests {
     #[test]
     fn the_processor_goes_on_where_it_may() {
         let fails = |_| Err::<u8, _>(finetune::Error::Gpu { reason: "lost".into() });
-        let on = |may_fall_back| Summed {
+        let on = |may_fall_back| DeviceSums {
             adapter: Some(Adapter::Software),
             may_fall_back,
             failed: None,

@@ -15,7 +15,7 @@ use gs_model::{Camera, Scene};
 
 use crate::error::{Error, Result};
 use crate::options::TuneOptions;
-use crate::summed::Summed;
+use crate::summed::DeviceSums;
 use crate::targets::Targets;
 
 /// One of this many training views is kept aside; with fewer views, none.
@@ -82,7 +82,7 @@ pub(crate) struct Views {
     seed: u64,
     order: Vec<u32>,
     /// Of removal effects and importances.
-    pub(crate) summed: Summed,
+    pub(crate) summed: DeviceSums,
 }
 
 /// The views, and what they show of the input model.
@@ -147,7 +147,7 @@ impl Views {
             judged: None,
             seed,
             order: Vec::new(),
-            summed: Summed::default(),
+            summed: DeviceSums::default(),
         })
     }
 
@@ -174,7 +174,7 @@ impl Views {
             done += 1;
             seen(done.min(all), all);
         };
-        let mut summed = Summed::on(options.backend)?;
+        let mut summed = DeviceSums::on(options.backend)?;
         let mut psnr = vec![0.0; cameras.len()];
         let at_views = summed.removal(
             scene,

@@ -11,7 +11,7 @@ use finetune::{Loss, Photo, RenderOptions, TrainView, render};
 use gs_model::Scene;
 use gs_model::lens::Lens;
 use testing::sha256;
-use tune::{Error, FineTune, FineTuneOptions, FineTuned, StopReason};
+use tune::{Error, FineTune, FineTuneOptions, FineTuneOutcome, StopReason};
 
 const SIZE: (u32, u32) = (70, 45);
 
@@ -46,7 +46,7 @@ fn options(steps: u64) -> FineTuneOptions {
     FineTuneOptions { steps, ..FineTuneOptions::default() }
 }
 
-fn run(options: FineTuneOptions) -> FineTuned {
+fn run(options: FineTuneOptions) -> FineTuneOutcome {
     FineTune::new(spoilt(), views(&scene(), 7), options).unwrap().run(|_| {}).unwrap()
 }
 

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use finetune::TrainView;
 use gs_model::colmap::Point;
 use gs_model::dataset;
-use tune::{StopReason, Train, TrainOptions, Trained};
+use tune::{StopReason, Train, TrainOptions, TrainOutcome};
 
 fn room() -> PathBuf {
     testing::fixture("room")
@@ -28,7 +28,7 @@ fn views() -> [Vec<TrainView>; 2] {
     [training, held_out]
 }
 
-fn train(options: &TrainOptions) -> Trained {
+fn train(options: &TrainOptions) -> TrainOutcome {
     let [training, _] = views();
     Train::new(&points(), training, options.clone()).unwrap().run(|_| ()).unwrap()
 }

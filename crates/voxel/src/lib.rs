@@ -77,10 +77,10 @@ pub use merge::{Merge, Merging, Place, merge};
 pub use order::morton_codes;
 pub use rate_distortion::RateDistortion;
 pub use record::WeightSums;
-pub use released::Released;
+pub use released::ReleasedRule;
 pub use strategy::Strategy;
 pub use tiles::Tiles;
-pub use trim::{Trim, Trimmed, trim};
+pub use trim::{Trim, TrimOutcome, trim};
 pub use voxelization::Voxelization;
 pub use voxelize::{voxelize, voxelize_tile};
 

@@ -21,7 +21,7 @@ use gpcc_lite::Cube;
 
 /// Parameters of the authors' released code.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Released {
+pub struct ReleasedRule {
     /// First depth (`depth_start` there).
     pub j_low: u8,
     /// Cells of at least this many Gaussians are divided (`voxel_thr`; 30 in all their runs).
@@ -33,7 +33,7 @@ pub struct Released {
     pub max_depth: u8,
 }
 
-impl Released {
+impl ReleasedRule {
     /// The published settings.
     #[must_use]
     pub fn new(j_low: u8) -> Self {
@@ -50,8 +50,8 @@ impl Released {
 /// # Errors
 /// [`Error::NonFiniteMean`], [`Error::DepthTooGreat`], [`Error::DepthRange`];
 /// [`Error::InvalidCube`] if the extent overflows the `f32` of the authors' arithmetic.
-pub(crate) fn released(scene: &Scene, options: &Released) -> Result<PrunedOctree> {
-    let &Released { j_low, tau1, large_percent, max_depth } = options;
+pub(crate) fn released(scene: &Scene, options: &ReleasedRule) -> Result<PrunedOctree> {
+    let &ReleasedRule { j_low, tau1, large_percent, max_depth } = options;
     if max_depth > MAX_DEPTH - 2 {
         return Err(Error::DepthTooGreat { depth: max_depth, max: MAX_DEPTH - 2 });
     }

@@ -3,7 +3,7 @@
 use crate::check::{check, check_depths};
 use crate::error::Result;
 use crate::rate_distortion::RateDistortion;
-use crate::released::Released;
+use crate::released::ReleasedRule;
 
 /// A rule for which cells become leaves. All strategies prune the same full octree.
 #[derive(Clone, Debug, PartialEq)]
@@ -34,7 +34,7 @@ pub enum Strategy {
     },
     /// The authors' released code, per Gaussian, for reproduction. It takes the cube of the scene
     /// and ignores the one given to [`voxelize`](crate::voxelize).
-    Released(Released),
+    Released(ReleasedRule),
     /// The pruning that minimises distortion plus lambda times bits.
     RateDistortion(RateDistortion),
 }

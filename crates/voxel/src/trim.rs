@@ -36,7 +36,7 @@ impl Trim {
 
 /// The cheapest cube, and the Gaussians outside it.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Trimmed {
+pub struct TrimOutcome {
     /// Cube of the inliers.
     pub cube: Cube,
     /// Octree depth at which cells are at most as wide as wanted, at most 21.
@@ -49,7 +49,7 @@ pub struct Trimmed {
     pub saved_bits: f64,
 }
 
-impl Trimmed {
+impl TrimOutcome {
     /// The row of every Gaussian of the scene in an output of which `inside` are the rows of those inside,
     /// and in which the outliers follow from row `first_outlier` on.
     #[must_use]
@@ -71,13 +71,13 @@ impl Trimmed {
 ///
 /// # Errors
 /// [`Error::NonFiniteMean`]; [`Error::Parameter`] if `cell` is not positive and finite.
-pub fn trim(means: &[[f32; 3]], options: &Trim) -> Result<Trimmed> {
+pub fn trim(means: &[[f32; 3]], options: &Trim) -> Result<TrimOutcome> {
     if !(options.cell > 0.0 && options.cell.is_finite()) {
         let (name, value, range) = ("cell", options.cell, "above 0, finite");
         return Err(Error::Parameter { name, value, range });
     }
     let all = cube_of(means)?;
-    let plain = Trimmed {
+    let plain = TrimOutcome {
         cube: all,
         j_high: depth_for(all.side, options.cell).min(MAX_DEPTH),
         inside: (0..means.len()).collect(),
@@ -114,7 +114,7 @@ pub fn trim(means: &[[f32; 3]], options: &Trim) -> Result<Trimmed> {
         let saved = whole + outs.len() as f64 * chain - cost(&cube, outs.len());
         if saved > best.saved_bits {
             let j_high = depth_for(cube.side, options.cell).min(MAX_DEPTH);
-            best = Trimmed { cube, j_high, inside: ins, outliers: outs, saved_bits: saved };
+            best = TrimOutcome { cube, j_high, inside: ins, outliers: outs, saved_bits: saved };
         }
     }
     Ok(best)

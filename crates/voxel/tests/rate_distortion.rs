@@ -7,7 +7,7 @@ use gpcc_lite::{Leaf, morton};
 use gs_model::Scene;
 use nalgebra::{Matrix3, Vector3};
 use testing::shared;
-use voxel::{CostModel, Cube, Importance, RateDistortion, Released, Strategy, voxelize, w2};
+use voxel::{CostModel, Cube, Importance, RateDistortion, ReleasedRule, Strategy, voxelize, w2};
 
 /// Every subtree of the full octree by recursion over explicit member lists, distortions by
 /// direct double sums over members, no statistics, no skipping.
@@ -158,7 +158,7 @@ fn released_reproduces_the_recorded_counts() {
         let v = voxelize(
             &scene,
             &voxel::cube_of(&scene.means).unwrap(),
-            &Strategy::Released(Released::new(j_low)),
+            &Strategy::Released(ReleasedRule::new(j_low)),
         )
         .unwrap();
         eprintln!(

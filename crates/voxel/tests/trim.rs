@@ -3,7 +3,7 @@
 mod common;
 
 use common::clustered;
-use voxel::{Trim, Trimmed, cube_of, trim};
+use voxel::{Trim, TrimOutcome, cube_of, trim};
 
 /// An octree that can reach the wanted cells keeps its floaters: a floater costs 3 bits per level.
 #[test]
@@ -42,7 +42,7 @@ fn a_scene_far_from_the_origin_is_the_centre() {
 /// Each Gaussian has the row of its place among those inside, or among the outliers after them.
 #[test]
 fn rows_name_every_gaussian_once() {
-    let t = Trimmed {
+    let t = TrimOutcome {
         inside: vec![1, 2, 4],
         outliers: vec![0, 3],
         ..trim(&[], &Trim::new(1.0)).unwrap()

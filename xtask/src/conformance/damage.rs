@@ -30,7 +30,7 @@ pub(super) struct Findings {
 
 /// What a broken stream may give.
 #[derive(Clone, Copy, PartialEq)]
-enum Allowed {
+enum Outcome {
     /// Only an error.
     Error,
     /// An error or a valid scene.
@@ -41,7 +41,7 @@ enum Allowed {
 
 impl Findings {
     /// Decodes one broken stream.
-    fn decode(&mut self, bytes: &[u8], options: &DecodeOptions, allowed: Allowed) -> Result<()> {
+    fn decode(&mut self, bytes: &[u8], options: &DecodeOptions, allowed: Outcome) -> Result<()> {
         let started = Instant::now();
         let result = catch_unwind(AssertUnwindSafe(|| gsvx::decode_with(bytes, options)));
         let took = started.elapsed();
@@ -51,9 +51,9 @@ impl Findings {
         match result {
             Err(_) => bail!("the decoder panicked on {} bytes", bytes.len()),
             Ok(Ok(decoded)) => {
-                let must_fail = allowed == Allowed::Error;
+                let must_fail = allowed == Outcome::Error;
                 ensure!(!must_fail, "a broken stream of {} bytes was decoded", bytes.len());
-                if allowed == Allowed::Scene {
+                if allowed == Outcome::Scene {
                     decoded.scene.validate()?;
                 }
                 self.decoded += 1;
@@ -135,8 +135,8 @@ fn cut(streams: &Streams, each: usize) -> Result<Findings> {
     for (_, bytes) in streams {
         let step = (bytes.len() / each).max(1);
         for end in (0..bytes.len()).step_by(step) {
-            seen.decode(&bytes[..end], &DecodeOptions::default(), Allowed::Error)?;
-            seen.decode(&bytes[..end], &salvage(), Allowed::Scene)?;
+            seen.decode(&bytes[..end], &DecodeOptions::default(), Outcome::Error)?;
+            seen.decode(&bytes[..end], &salvage(), Outcome::Scene)?;
         }
     }
     Ok(seen)
@@ -155,11 +155,11 @@ fn flipped(streams: &Streams, each: usize) -> Result<Findings> {
             for lod in 0..=coarsest {
                 let mut options = DecodeOptions::default();
                 options.lod = lod;
-                seen.decode(&broken, &options, Allowed::Scene)?;
+                seen.decode(&broken, &options, Outcome::Scene)?;
             }
             let noticed = seen.errors.values().sum::<usize>() > before;
             ensure!(noticed, "byte {at} of {name} was changed and no level shows it");
-            seen.decode(&broken, &salvage(), Allowed::Scene)?;
+            seen.decode(&broken, &salvage(), Outcome::Scene)?;
         }
     }
     Ok(seen)
@@ -174,7 +174,7 @@ fn spliced(streams: &Streams, each: usize) -> Result<Findings> {
             let spliced = [&a[..at], &b[at..]].concat();
             // Two streams may begin or end with the same bytes. Then this is one of them, whole.
             let whole = spliced == *a || spliced == *b;
-            let allowed = if whole { Allowed::Scene } else { Allowed::Error };
+            let allowed = if whole { Outcome::Scene } else { Outcome::Error };
             seen.decode(&spliced, &DecodeOptions::default(), allowed)?;
         }
     }
@@ -210,7 +210,7 @@ fn forged(streams: &Streams, each: usize) -> Result<Findings> {
                     [&forge::with_checksum(body), rest].concat()
                 }
             };
-            seen.decode(&broken, &DecodeOptions::default(), Allowed::Anything)?;
+            seen.decode(&broken, &DecodeOptions::default(), Outcome::Anything)?;
         }
     }
     Ok(seen)

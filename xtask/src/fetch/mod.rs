@@ -21,7 +21,7 @@ use gs_model::dataset::Dataset;
 use zip::ZipArchive;
 use zip::result::ZipError;
 
-use ranged::Ranged;
+use ranged::RangeReader;
 
 /// Folder of the archives on Inria's server.
 const PUBLIC: &str = "https://repo-sam.inria.fr/fungraph/3d-gaussian-splatting/datasets";
@@ -77,7 +77,7 @@ fn fetch(name: &str, mirror: &str, dir: &Path) -> Result<()> {
     for source in [photos, model] {
         let address = format!("{}/{}", mirror.trim_end_matches('/'), source.archive);
         let fetched = if address.starts_with("http://") || address.starts_with("https://") {
-            Ranged::open(&address).and_then(|bytes| extract(&source, bytes, dir))
+            RangeReader::open(&address).and_then(|bytes| extract(&source, bytes, dir))
         } else {
             File::open(&address).map_err(Into::into).and_then(|file| extract(&source, file, dir))
         };

@@ -16,7 +16,7 @@ const TRIES: u32 = 6;
 const SILENCE: Duration = Duration::from_secs(60);
 
 /// See the module.
-pub(super) struct Ranged {
+pub(super) struct RangeReader {
     agent: Agent,
     url: String,
     size: u64,
@@ -26,7 +26,7 @@ pub(super) struct Ranged {
     start: u64,
 }
 
-impl Ranged {
+impl RangeReader {
     /// Asks for one byte, to learn the size and whether ranges are served.
     pub(super) fn open(url: &str) -> Result<Self> {
         let mut config = Agent::config_builder()
@@ -71,7 +71,7 @@ impl Ranged {
     }
 }
 
-impl Read for Ranged {
+impl Read for RangeReader {
     fn read(&mut self, buf: &mut [u8]) -> io::Result<usize> {
         if self.at >= self.size {
             return Ok(0);
@@ -87,7 +87,7 @@ impl Read for Ranged {
     }
 }
 
-impl Seek for Ranged {
+impl Seek for RangeReader {
     fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
         let (base, by) = match to {
             SeekFrom::Start(at) => (at, 0),

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use finetune::Backend;
-use voxel::{Merge, Released, Strategy, w2};
+use voxel::{Merge, ReleasedRule, Strategy, w2};
 
 use super::distribution;
 use crate::bd::{self, Point};
@@ -246,7 +246,7 @@ fn strategies(depth: u8) -> [(String, Strategy); 8] {
         ("without v and tau2".into(), to_near(0.0, 1.0)),
         (
             "the authors' code from J-2".into(),
-            Strategy::Released(Released::new(depth.saturating_sub(2))),
+            Strategy::Released(ReleasedRule::new(depth.saturating_sub(2))),
         ),
     ]
 }

@@ -58,7 +58,7 @@ struct Work<'a> {
 }
 
 /// What coding made of a sequence: bytes, seconds of the processor, and the frames that are compared.
-struct Coded {
+struct SequenceRow {
     bytes: u64,
     seconds: f64,
     shown: Vec<Scene>,
@@ -93,7 +93,7 @@ pub fn run(options: &SequenceBenchOptions) -> Result<()> {
         let reference = shown(reference.collect::<Result<_>>()?);
         let (mut curve, mut cells) = (Vec::new(), BTreeMap::new());
         for (codec, coded) in work.coded()? {
-            let Coded { bytes, seconds, shown } = coded;
+            let SequenceRow { bytes, seconds, shown } = coded;
             let (db, flicker) = work.compared(&reference, &shown)?;
             let kb = bytes as f64 / 1e3 / FRAMES as f64;
             let mut same = None;
@@ -150,7 +150,7 @@ impl Work<'_> {
     }
 
     /// Every coding, sequences of gsvx first.
-    fn coded(&self) -> Result<Vec<(String, Coded)>> {
+    fn coded(&self) -> Result<Vec<(String, SequenceRow)>> {
         let mut all = Vec::new();
         for quality in QUALITIES {
             all.push((format!("gsvx, a sequence, -q {quality}"), self.sequence(quality)?));
@@ -166,7 +166,7 @@ impl Work<'_> {
         Ok(all)
     }
 
-    fn sequence(&self, quality: u8) -> Result<Coded> {
+    fn sequence(&self, quality: u8) -> Result<SequenceRow> {
         let clip = self.dir.join("clip.gsvx");
         let mut command = self.gsvx.words(["encode", "--fps=30", "--no-estimate"]);
         command.arg(format!("--quality={quality}")).arg(&self.input);
@@ -179,11 +179,11 @@ impl Work<'_> {
             let frames = group.frames.end - group.frames.start;
             all.extend((0..frames).map(|i| decoded.frame(i as usize)));
         }
-        Ok(Coded { bytes: bytes.len() as u64, seconds, shown: shown(all) })
+        Ok(SequenceRow { bytes: bytes.len() as u64, seconds, shown: shown(all) })
     }
 
     /// Every frame by words of the command, which come before the input, but for `-o`.
-    fn by_frame(&self, words: &str, extension: &str) -> Result<Coded> {
+    fn by_frame(&self, words: &str, extension: &str) -> Result<SequenceRow> {
         let (mut bytes, mut seconds, mut all) = (0, 0.0, Vec::new());
         let out = self.dir.join("frame").with_extension(extension);
         let (words, flag) = words.strip_suffix(" -o").map_or((words, None), |w| (w, Some("-o")));
@@ -195,10 +195,10 @@ impl Work<'_> {
             bytes += fs::metadata(&out)?.len();
             all.push(scenes::read_model(&out)?);
         }
-        Ok(Coded { bytes, seconds, shown: shown(all) })
+        Ok(SequenceRow { bytes, seconds, shown: shown(all) })
     }
 
-    fn splat4d(&self, peers: &Path, millimetres: &str) -> Result<Coded> {
+    fn splat4d(&self, peers: &Path, millimetres: &str) -> Result<SequenceRow> {
         let (folder, clip) = (self.dir.join("splats"), self.dir.join("clip.splat4d"));
         fs::create_dir_all(&folder)?;
         for frame in self.frames() {
@@ -219,10 +219,10 @@ impl Work<'_> {
             process::run(&mut command, NO_LIMIT)?;
             shown.push(scenes::read_model(&out)?);
         }
-        Ok(Coded { bytes: fs::metadata(&clip)?.len(), seconds: usage.user, shown })
+        Ok(SequenceRow { bytes: fs::metadata(&clip)?.len(), seconds: usage.user, shown })
     }
 
-    fn fourdgs(&self, peers: &Path) -> Result<Coded> {
+    fn fourdgs(&self, peers: &Path) -> Result<SequenceRow> {
         let clip = self.dir.join("clip.4dgs");
         let mut command = Command::new(peers.join("fourdgs"));
         command.arg("convert").arg(&self.input).arg("-o").arg(&clip).arg("--fps=30");
@@ -241,7 +241,7 @@ impl Work<'_> {
             process::run(&mut command, NO_LIMIT)?;
             shown.push(turned(scenes::read_model(&out)?));
         }
-        Ok(Coded { bytes: fs::metadata(&clip)?.len(), seconds, shown })
+        Ok(SequenceRow { bytes: fs::metadata(&clip)?.len(), seconds, shown })
     }
 
     /// PSNR and flicker, dB.

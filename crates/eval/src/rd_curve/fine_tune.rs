@@ -4,7 +4,7 @@ use std::fs;
 
 use anyhow::{Context, Result, ensure};
 use gs_model::{Scene, ply};
-use gsvx::Prepared;
+use gsvx::VoxelScene;
 use tune::{FineTune, FineTuneOptions};
 
 use super::options::Tuning;
@@ -20,7 +20,7 @@ pub(super) fn fine_tuned(
     study: &Study,
     name: &str,
     key: &str,
-    prepared: &Prepared,
+    prepared: &VoxelScene,
     Tuning { steps, initialised, backend }: Tuning,
 ) -> Result<Scene> {
     let (stage, file) = (format!("tune-{name}"), format!("tuned/{name}.ply"));
@@ -63,7 +63,7 @@ const NEAREST: usize = 3;
 
 /// The start of a trainer without initialisation, at the same means: grey, round, translucent
 /// Gaussians as large as the distances between them.
-fn blank(prepared: &Prepared) -> Scene {
+fn blank(prepared: &VoxelScene) -> Scene {
     let merged = &prepared.scene;
     let n = merged.len();
     Scene {

@@ -6,7 +6,7 @@ use anyhow::{Context, Result, bail, ensure};
 use clap::{Args as _, FromArgMatches as _};
 use finetune::Backend;
 use tune::TuneEffort;
-use voxel::{Released, Strategy};
+use voxel::{ReleasedRule, Strategy};
 
 use crate::study::Study;
 
@@ -25,7 +25,7 @@ fn criteria(text: &str) -> Result<Strategy> {
     };
     let parts: Vec<&str> = text.split(':').collect();
     let (j_low, j_high, rest) = match parts[..] {
-        ["released", low] => return Ok(Strategy::Released(Released::new(depth(low)?))),
+        ["released", low] => return Ok(Strategy::Released(ReleasedRule::new(depth(low)?))),
         [low, high, ref rest @ ..] => (depth(low)?, depth(high)?, rest),
         _ => bail!("expected LOW:HIGH, for example 8:16, LOW:HIGH:V:TAU1:TAU2 or released:LOW"),
     };
@@ -170,7 +170,7 @@ mod tests {
     fn criteria_are_read() {
         assert_eq!(criteria("9:14").unwrap(), Strategy::paper(9, 14));
         assert_eq!(criteria("9:14:20:30:0.5").unwrap(), Strategy::paper(9, 14));
-        assert_eq!(criteria("released:9").unwrap(), Strategy::Released(Released::new(9)));
+        assert_eq!(criteria("released:9").unwrap(), Strategy::Released(ReleasedRule::new(9)));
         for bad in
             ["9", "9:x", "14:9", "9:22", "", "9:14:1", "9:14:200:3:1", "9:14:1:3:NaN", "released:x"]
         {

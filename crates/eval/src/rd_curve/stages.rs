@@ -5,7 +5,7 @@ use std::cell::OnceCell;
 
 use anyhow::{Context, Result, ensure};
 use gs_model::Scene;
-use gsvx::{CodeOptions, PrepareOptions, Prepared, Steps};
+use gsvx::{CodeOptions, PrepareOptions, Steps, VoxelScene};
 use voxel::{Importance, Merge, Strategy};
 
 use super::fine_tune::fine_tuned;
@@ -14,7 +14,7 @@ use super::plan::{CameraUse, Coding, CurvePlan, Rule, Voxels};
 use crate::measure;
 use crate::process::timed;
 use crate::record::{Curve, Record, VoxelizedRecord};
-use crate::study::{Encoded, Study, slug};
+use crate::study::{StreamRecord, Study, slug};
 
 /// The stages of one voxelization. The voxelized model is made when a stage first needs it.
 pub(crate) struct Branch<'a> {
@@ -26,7 +26,7 @@ pub(crate) struct Branch<'a> {
 
 /// A voxelized and merged model.
 struct Model {
-    prepared: Prepared,
+    prepared: VoxelScene,
     /// Seconds to voxelize and merge.
     seconds: f64,
 }
@@ -65,7 +65,7 @@ impl<'a> Branch<'a> {
         Ok(self.model.get_or_init(|| Model { prepared, seconds }))
     }
 
-    fn prepared(&self, scene: &Scene, importance: Option<Vec<f32>>) -> Result<Prepared> {
+    fn prepared(&self, scene: &Scene, importance: Option<Vec<f32>>) -> Result<VoxelScene> {
         match &self.plan.rule {
             Rule::Given(strategy, merge) => voxelized(scene, strategy, *merge, importance),
             &Rule::Default(quality, cameras) => {
@@ -82,7 +82,7 @@ impl<'a> Branch<'a> {
     pub(crate) fn voxelized(&self) -> Result<VoxelizedRecord> {
         let name = self.name();
         self.study.cache.run(&format!("voxelize-{name}"), &self.key(), || {
-            let Model { prepared: Prepared { scene, voxels, .. }, seconds } = self.model()?;
+            let Model { prepared: VoxelScene { scene, voxels, .. }, seconds } = self.model()?;
             Ok(VoxelizedRecord {
                 name: name.clone(),
                 what: self.plan.what.clone(),
@@ -104,8 +104,8 @@ impl<'a> Branch<'a> {
         let name = format!("{}-{}", slug(curve), coding.name());
         let settings = (self.key(), format!("{coding:?}"));
         let encode = || {
-            let Prepared { scene, voxels, importance, .. } = &self.model()?.prepared;
-            Encoded::timed(|| match coding.paper(scene.len()) {
+            let VoxelScene { scene, voxels, importance, .. } = &self.model()?.prepared;
+            StreamRecord::timed(|| match coding.paper(scene.len()) {
                 None => {
                     let (steps, options) =
                         (Steps::of_quality(coding.quality)?, CodeOptions::default());
@@ -162,11 +162,11 @@ fn voxelized(
     strategy: &Strategy,
     merge: Merge,
     importance: Option<Vec<f32>>,
-) -> Result<Prepared> {
+) -> Result<VoxelScene> {
     let importance = importance.unwrap_or_else(|| gsvx::importance::without_cameras(scene));
     let voxels = voxel::voxelize(scene, &voxel::cube_of(&scene.means)?, strategy)?;
     let of_leaves = voxels.sums(&importance);
     let weights = Importance::Given(importance);
     let merged = voxel::Merging::new(scene, &voxels, merge, &weights)?.scene();
-    Ok(Prepared { scene: merged, voxels, importance: of_leaves, outliers: None })
+    Ok(VoxelScene { scene: merged, voxels, importance: of_leaves, outliers: None })
 }

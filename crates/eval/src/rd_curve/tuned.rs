@@ -13,7 +13,7 @@ use crate::bd::Point;
 use crate::measure::Metric;
 use crate::progress::Bar;
 use crate::record::{Curve, Record, rates};
-use crate::study::{Encoded, Study, slug};
+use crate::study::{StreamRecord, Study, slug};
 
 /// The points at these qualities.
 pub(super) fn curve(study: &Study, effort: TuneEffort, qualities: &[f32]) -> Result<Curve> {
@@ -26,7 +26,7 @@ pub(super) fn curve(study: &Study, effort: TuneEffort, qualities: &[f32]) -> Res
 fn point(study: &Study, effort: TuneEffort, quality: f32) -> Result<Record> {
     let name = format!("{}-{}-q{quality:.0}", slug(TUNED), effort.name());
     let encode = || Ok(streams(study, &name, effort, &[quality])?.swap_remove(0));
-    let encode = || Encoded::timed(encode);
+    let encode = || StreamRecord::timed(encode);
     let record = study.point(&study.cache, &name, "gsvx", &quality, encode, decode)?;
     Ok(Record { quality, setting: format!("{quality:.0}"), ..record })
 }
@@ -80,7 +80,7 @@ pub(crate) fn one_tune(study: &Study) -> Result<[Vec<Point>; 2]> {
             }
             run.get().and_then(|made| made.get(i).cloned()).context("a stream is missing")
         };
-        let encode = || Encoded::timed(encode);
+        let encode = || StreamRecord::timed(encode);
         study.point(&study.cache, &name, "gsvx", &descending, encode, decode)
     };
     let one = descending.into_iter().enumerate().map(point).collect::<Result<Vec<Record>>>()?;

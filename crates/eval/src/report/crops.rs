@@ -24,7 +24,7 @@ pub(crate) struct CropView {
 }
 
 /// A picture of a view.
-pub(crate) struct Shown {
+pub(crate) struct LabelledImage {
     pub(crate) image: Image,
     /// Text of its button.
     pub(crate) label: String,
@@ -45,10 +45,14 @@ pub(crate) struct Crop {
 
 /// Cuts one window out of photo, original and decoded renders, and adds the differences of the
 /// decoded from the original. The window is where the first of them differs most.
-pub(crate) fn crops(photo: Shown, original: Shown, decoded: Vec<Shown>) -> Result<Vec<Crop>> {
+pub(crate) fn crops(
+    photo: LabelledImage,
+    original: LabelledImage,
+    decoded: Vec<LabelledImage>,
+) -> Result<Vec<Crop>> {
     let Some(worst) = decoded.first() else { return Ok(Vec::new()) };
     let window = window(&original.image, &worst.image);
-    let difference = |of: &Shown| Shown {
+    let difference = |of: &LabelledImage| LabelledImage {
         image: difference(&original.image, &of.image),
         label: format!("difference, {}", of.label),
         caption: format!(
@@ -56,10 +60,10 @@ pub(crate) fn crops(photo: Shown, original: Shown, decoded: Vec<Shown>) -> Resul
             of.label
         ),
     };
-    let differences: Vec<Shown> = decoded.iter().map(difference).collect();
+    let differences: Vec<LabelledImage> = decoded.iter().map(difference).collect();
     let first = 2 + decoded.len() / 2;
     let all = [photo, original].into_iter().chain(decoded).chain(differences);
-    let crop = |(i, Shown { image, label, caption }): (usize, Shown)| {
+    let crop = |(i, LabelledImage { image, label, caption }): (usize, LabelledImage)| {
         Ok(Crop { label, caption, shown: i == first, png: png(&image, window)? })
     };
     all.enumerate().map(crop).collect()
@@ -144,8 +148,11 @@ mod tests {
     #[test]
     fn a_view_has_photo_original_decoded_and_differences() {
         let image = Image::new(40, 30);
-        let shown =
-            |name: &str| Shown { image: image.clone(), label: name.into(), caption: String::new() };
+        let shown = |name: &str| LabelledImage {
+            image: image.clone(),
+            label: name.into(),
+            caption: String::new(),
+        };
         let decoded = vec![shown("a"), shown("b")];
         let all = crops(shown("photo"), shown("original"), decoded).unwrap();
         let labels: Vec<&str> = all.iter().map(|c| c.label.as_str()).collect();

@@ -14,7 +14,7 @@ use anyhow::{Context, Result};
 use crate::chart::Chart;
 use crate::page::Table;
 
-pub(crate) use crops::{CropView, Shown, crops};
+pub(crate) use crops::{CropView, LabelledImage, crops};
 
 /// A report, independent of how it is shown.
 #[derive(Debug)]

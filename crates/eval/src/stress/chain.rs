@@ -6,7 +6,7 @@ use std::num::NonZeroUsize;
 use anyhow::{Result, anyhow, ensure};
 use gs_model::{Scene, ply};
 use gsvx::covariance;
-use gsvx::{CodeOptions, DEFAULT_QUALITY, EncodeOptions, Leaves, Prepared, Steps, importance};
+use gsvx::{CodeOptions, DEFAULT_QUALITY, EncodeOptions, Leaves, Steps, VoxelScene, importance};
 use voxel::Voxelization;
 
 use super::levels::{self, of_degree, rows};
@@ -62,7 +62,7 @@ fn options_of(mode: &str) -> (f32, EncodeOptions) {
 /// What a stream was made from, and the stream.
 struct Stream {
     /// One Gaussian per leaf, as the encoder merges them.
-    prepared: Prepared,
+    prepared: VoxelScene,
     /// The Gaussians that were voxelized, and those that are coded exactly.
     inside: Scene,
     outliers: Scene,
@@ -149,7 +149,7 @@ fn check(stream: &Stream) -> Result<ChainOutcome> {
 /// For each attribute, its worst error over its bound.
 fn attributes(
     classes: &[u8],
-    prepared: &Prepared,
+    prepared: &VoxelScene,
     decoded: &Scene,
     steps: &Steps,
     options: &CodeOptions,

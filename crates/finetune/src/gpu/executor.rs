@@ -4,7 +4,7 @@ use gs_model::Scene;
 
 use super::device::Context;
 use super::passes::STEP;
-use super::steps::{DeviceSteps, Moved};
+use super::steps::{DeviceSteps, Mover};
 use super::uniform::StepUniform;
 use crate::error::Result;
 use crate::optimiser::{Adam, SceneOptimiser};
@@ -28,7 +28,7 @@ impl DeviceOptimiser {
         views: &[PreparedView],
         loss: Loss,
     ) -> Result<Self> {
-        let steps = DeviceSteps::new(context, from.scene(), (views, loss), Moved::ByAdam)?;
+        let steps = DeviceSteps::new(context, from.scene(), (views, loss), Mover::ByAdam)?;
         let [rows, first, second] = &from.state();
         steps.workspace.upload(&[rows, first, second]);
         Ok(Self { steps, rates: from.rates, mean_rate: from.mean_rate, made: from.made.0 })

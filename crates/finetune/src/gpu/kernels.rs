@@ -5,7 +5,7 @@ use gs_model::Scene;
 use super::device::Context;
 use super::passes::{KERNEL_STEP, MAKING_STEP};
 use super::program::{Call, Program};
-use super::steps::{DeviceSteps, Moved};
+use super::steps::{DeviceSteps, Mover};
 use super::workspace::Workspace;
 use crate::error::{Error, Result};
 use crate::optimiser::{Adam, rows_of};
@@ -82,7 +82,7 @@ impl KernelLoop {
         program: &Program,
         views: (&[PreparedView], Loss),
     ) -> Result<Self> {
-        let mut steps = DeviceSteps::new(context, scene, views, Moved::ByKernels(program))?;
+        let mut steps = DeviceSteps::new(context, scene, views, Mover::ByKernels(program))?;
         let workspace = &mut steps.workspace;
         workspace.upload(&[&rows_of(scene)]);
         let mut pages = Vec::new();

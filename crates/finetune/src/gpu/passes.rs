@@ -8,7 +8,7 @@ use crate::forward::Forward;
 use crate::shaders::{DISPATCH_ROW, LOSS_RUN};
 use crate::stages::TILE;
 #[cfg(test)]
-use crate::stages::project::{CULLED, Projected, Splat, TileBox};
+use crate::stages::project::{CULLED, ProjectedSplat, Splat, TileBox};
 
 /// A stage of a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -245,7 +245,7 @@ impl Workspace {
 
 /// Splats as the device has them: with the box of tiles instead of the rows of pixels.
 #[cfg(test)]
-pub(crate) fn packed(projected: &Projected) -> Vec<[u32; 12]> {
+pub(crate) fn packed(projected: &ProjectedSplat) -> Vec<[u32; 12]> {
     let all = projected.seen.splats.iter().zip(&projected.seen.boxes);
     let pack = |(splat, b): (&Splat, &TileBox)| {
         let mut words: [u32; 12] = bytemuck::cast(*splat);

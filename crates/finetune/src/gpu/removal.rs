@@ -5,7 +5,7 @@ use gs_model::{Camera, Scene};
 use super::device::Context;
 use super::passes::REMOVAL;
 use super::start::Adapter;
-use super::steps::{DeviceSteps, Moved};
+use super::steps::{DeviceSteps, Mover};
 use crate::error::Result;
 use crate::forward::image_of;
 use crate::image::Image;
@@ -48,7 +48,7 @@ impl Adapter {
 
 /// A scene without training views.
 pub(super) fn steps_of(context: Context, scene: &Scene) -> Result<DeviceSteps> {
-    let steps = DeviceSteps::new(context, scene, (&[], Loss::MSE), Moved::Nothing)?;
+    let steps = DeviceSteps::new(context, scene, (&[], Loss::MSE), Mover::Nothing)?;
     steps.workspace.upload(&[&rows_of(scene)]);
     Ok(steps)
 }

@@ -68,7 +68,7 @@ impl DeviceView {
 }
 
 /// A step whose loss has not been fetched.
-struct Pending {
+struct PendingStep {
     view: usize,
     u: StepUniform,
     ends: &'static Ends,
@@ -76,13 +76,13 @@ struct Pending {
 
 /// What moves the parameters of a scene on a device.
 #[derive(Clone, Copy)]
-pub(super) enum Moved<'a> {
+pub(super) enum Mover<'a> {
     Nothing,
     ByAdam,
     ByKernels(&'a Program),
 }
 
-impl<'a> Moved<'a> {
+impl<'a> Mover<'a> {
     fn program(self) -> Option<&'a Program> {
         match self {
             Self::ByKernels(program) => Some(program),
@@ -92,7 +92,7 @@ impl<'a> Moved<'a> {
 }
 
 /// The sizes of a scene and its views on a device. A program's pages come first.
-fn sizes(context: &Context, scene: &Scene, views: &[PreparedView], moved: Moved<'_>) -> Sizes {
+fn sizes(context: &Context, scene: &Scene, views: &[PreparedView], moved: Mover<'_>) -> Sizes {
     let of_program = moved.program().map_or(&[][..], |p| &p.pages).iter().map(|p| p.gaussians);
     let mut all: Vec<usize> = of_program.collect();
     let rest = scene.len().saturating_sub(all.iter().sum());
@@ -102,7 +102,7 @@ fn sizes(context: &Context, scene: &Scene, views: &[PreparedView], moved: Moved<
         |of: fn(&RenderView) -> usize| views.iter().map(|v| of(&v.view)).fold(1, usize::max);
     Sizes {
         pages: all,
-        moments: matches!(moved, Moved::ByAdam),
+        moments: matches!(moved, Mover::ByAdam),
         sh_len: scene.sh_len(),
         // Grows on demand: a step that needs more slots is repeated.
         capacity: (4 * scene.len()).max(1 << 14).min(slots),
@@ -117,7 +117,7 @@ pub(super) struct DeviceSteps {
     views: Vec<DeviceView>,
     /// What the uniforms of all steps share.
     base: StepUniform,
-    pending: Vec<Pending>,
+    pending: Vec<PendingStep>,
     losses: Vec<ViewLoss>,
 }
 
@@ -127,7 +127,7 @@ impl DeviceSteps {
         context: Context,
         scene: &Scene,
         (views, loss): (&[PreparedView], Loss),
-        moved: Moved<'_>,
+        moved: Mover<'_>,
     ) -> Result<Self> {
         let sizes = sizes(&context, scene, views, moved);
         let workspace = Workspace::new(context, sizes, moved.program())?;
@@ -165,11 +165,11 @@ impl DeviceSteps {
 
     /// Submits a step at a view; `u` is its uniform.
     pub(super) fn step(&mut self, view: usize, u: StepUniform, ends: &'static Ends) -> Result<()> {
-        self.submit(Pending { view: view % self.views.len(), u, ends })?;
+        self.submit(PendingStep { view: view % self.views.len(), u, ends })?;
         if self.pending.len() == LOSS_RING { self.settle() } else { Ok(()) }
     }
 
-    fn submit(&mut self, mut step: Pending) -> Result<()> {
+    fn submit(&mut self, mut step: PendingStep) -> Result<()> {
         let u = &mut step.u;
         u.capacity = self.workspace.sizes.capacity as u32;
         u.most_splats = self.workspace.sizes.splats as u32;

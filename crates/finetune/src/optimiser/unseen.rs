@@ -23,7 +23,7 @@ pub(super) fn catch_up<C: RowChunk>(
     due: impl Fn(usize) -> bool + Sync,
 ) {
     let n = rates.len();
-    let missed = Missed::since_each(made);
+    let missed = UnseenSteps::since_each(made);
     let first = moments.first.par_chunks_mut(CHUNK * n);
     let second = moments.second.par_chunks_mut(CHUNK * n);
     let all = chunks.zip(first).zip(second).zip(last.par_chunks_mut(CHUNK));
@@ -49,14 +49,14 @@ pub(super) fn catch_up<C: RowChunk>(
 /// The steps without a gradient after a step. Each moves a parameter `BETA1 / sqrt(BETA2)` times as far as the one
 /// before, but for Adam's corrections.
 #[derive(Clone, Copy, Default)]
-struct Missed {
+struct UnseenSteps {
     /// All movements, over the rate and the first moment over the root of the second.
     movement: f32,
     /// The factors of the moments.
     fade: [f32; 2],
 }
 
-impl Missed {
+impl UnseenSteps {
     /// The steps up to `made` after each earlier step.
     fn since_each(made: u32) -> Vec<Self> {
         let betas = [BETA1, BETA2].map(f64::from);

@@ -51,7 +51,7 @@ include!("math/frame.rs");
 const SH: usize = 16;
 
 /// A Gaussian as a view shows it.
-pub(crate) struct Drawn {
+pub(crate) struct ViewGaussian {
     frame: Frame,
     pub(crate) x: f64,
     pub(crate) y: f64,
@@ -65,7 +65,7 @@ pub(crate) struct Drawn {
     sh: Vec<[f64; 3]>,
 }
 
-impl Drawn {
+impl ViewGaussian {
     /// `None` if it is at or behind the near plane.
     fn new(lens: &Lens, g: &Gaussian, antialiased: bool) -> Option<Self> {
         let frame = Frame::new(lens, g.mean, g.rotation, g.log_scale);
@@ -135,11 +135,11 @@ struct Picture<'a> {
     antialiased: bool,
     /// Whether splats end where their alpha falls below 1/255, and pixels stop when little light is left.
     ends: bool,
-    drawn: &'a [Drawn],
+    drawn: &'a [ViewGaussian],
 }
 
 /// What comes of a [`Picture`].
-struct Evaluated {
+struct Evaluation {
     rgb: Vec<f64>,
     /// Pixels with an end so close that single precision may decide otherwise.
     doubtful: Vec<bool>,
@@ -150,12 +150,13 @@ struct Evaluated {
 
 impl Picture<'_> {
     /// Blends it. `loss` gives for a channel of a pixel (as its number) and its value the loss and its derivative.
-    fn evaluate(&self, loss: impl Fn(usize, f64) -> (f64, f64)) -> Evaluated {
+    fn evaluate(&self, loss: impl Fn(usize, f64) -> (f64, f64)) -> Evaluation {
         let mut out =
-            Evaluated { rgb: Vec::new(), doubtful: Vec::new(), loss: 0.0, gradients: Vec::new() };
+            Evaluation { rgb: Vec::new(), doubtful: Vec::new(), loss: 0.0, gradients: Vec::new() };
         let mut records = vec![[0.0; 9]; self.drawn.len()];
         let least = if self.ends { f64::from(super::T_STOP) } else { 0.0 };
-        let cut = |d: &Drawn| if self.ends { libm::log(255.0 * d.opacity) } else { f64::INFINITY };
+        let cut =
+            |d: &ViewGaussian| if self.ends { libm::log(255.0 * d.opacity) } else { f64::INFINITY };
         for pixel in 0..self.size.0 as usize * self.size.1 as usize {
             let (column, row) = (pixel % self.size.0 as usize, pixel / self.size.0 as usize);
             let (px, py) = (column as f64 + 0.5, row as f64 + 0.5);
@@ -198,7 +199,7 @@ impl Picture<'_> {
     }
 
     /// From the sums over the pixels.
-    fn gradient(&self, d: &Drawn, r: &[f64; 9]) -> GradientF64 {
+    fn gradient(&self, d: &ViewGaussian, r: &[f64; 9]) -> GradientF64 {
         let shape =
             shape_adjoint(&d.frame, Sym2(r[4], r[5], r[6]), self.antialiased.then_some(-r[3]));
         let v_raw = [0, 1, 2].map(|ch| if d.raw[ch] >= 0.0 { r[ch] } else { 0.0 });
@@ -228,7 +229,7 @@ pub(crate) struct View {
     size: (u32, u32),
     antialiased: bool,
     /// What the camera has in front of it, front to back.
-    drawn: Vec<Drawn>,
+    drawn: Vec<ViewGaussian>,
     /// The number in the scene of each.
     gaussians: Vec<usize>,
 }
@@ -243,8 +244,8 @@ impl View {
             opacity_logit: f64::from(scene.opacity_logits[i]),
             sh: scene.sh_of(i).iter().map(|v| v.map(f64::from)).collect(),
         };
-        let drawn = |i| Some((i, Drawn::new(&lens, &of(i), scene.antialiased)?));
-        let mut all: Vec<(usize, Drawn)> = (0..scene.len()).filter_map(drawn).collect();
+        let drawn = |i| Some((i, ViewGaussian::new(&lens, &of(i), scene.antialiased)?));
+        let mut all: Vec<(usize, ViewGaussian)> = (0..scene.len()).filter_map(drawn).collect();
         // The stages sort by f32 depth, equals by number.
         all.sort_by(|a, b| (a.1.frame.m.z as f32).total_cmp(&(b.1.frame.m.z as f32)));
         let (gaussians, drawn) = all.into_iter().unzip();
@@ -253,7 +254,7 @@ impl View {
     }
 
     /// The splat of each Gaussian, by its number.
-    pub(crate) fn splats(&self) -> impl Iterator<Item = (usize, &Drawn)> {
+    pub(crate) fn splats(&self) -> impl Iterator<Item = (usize, &ViewGaussian)> {
         self.gaussians.iter().copied().zip(&self.drawn)
     }
 

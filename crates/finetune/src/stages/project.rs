@@ -347,13 +347,13 @@ fn join<T: Copy + Default + Send + Sync>(
 
 /// Output of the stage.
 #[derive(Default)]
-pub(crate) struct Projected {
+pub(crate) struct ProjectedSplat {
     pub(crate) seen: Splats,
     /// For each Gaussian of the scene the place of its splat, or [`CULLED`].
     pub(crate) places: Vec<u32>,
 }
 
-impl Projected {
+impl ProjectedSplat {
     /// The place of the splat of Gaussian `i`, if it has one.
     #[inline(always)]
     pub(crate) fn place(&self, i: usize) -> Option<usize> {
@@ -376,7 +376,7 @@ impl Projected {
 }
 
 /// Projects every Gaussian of `scene`.
-pub(crate) fn project(view: &RenderView, scene: &Scene, out: &mut Projected) {
+pub(crate) fn project(view: &RenderView, scene: &Scene, out: &mut ProjectedSplat) {
     const CHUNK: usize = 1024;
     // Arrays of inconsistent lengths: nothing can be drawn.
     let n = if scene.check_shape().is_ok() { scene.len() } else { 0 };

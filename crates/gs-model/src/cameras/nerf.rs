@@ -14,7 +14,7 @@ use serde_json::{Map, Value};
 use crate::cameras::camera::{self, Camera, NEAR, View, checked_size, pose_of, whole_size};
 use crate::cameras::json::{self, number, numbers, text};
 use crate::cameras::lens::{Lens, PANORAMA};
-use crate::cameras::nerfstudio::Placed;
+use crate::cameras::nerfstudio::Placement;
 use crate::cameras::photos::Finder;
 use crate::error::{Error, Result};
 
@@ -115,7 +115,7 @@ pub(crate) fn views(
     let Some(Value::Array(frames)) = all.get("frames") else {
         return Err(Error::malformed(file, "frames", "a list of cameras expected"));
     };
-    let placed = Placed::beside(file, all)?;
+    let placed = Placement::beside(file, all)?;
     let mut finder = Finder::default();
     let dir = file.parent().unwrap_or(Path::new(""));
     let of_frame = |(i, frame): (usize, &Value)| {

@@ -15,13 +15,13 @@ use crate::fs;
 pub(super) const FILE: &str = "dataparser_transforms.json";
 
 /// A point `p` of the `transforms.json` becomes `scale * (rotation * p + shift)`.
-pub(crate) struct Placed {
+pub(crate) struct Placement {
     rotation: DMat3,
     shift: DVec3,
     scale: f64,
 }
 
-impl Placed {
+impl Placement {
     /// Reads the file beside a `transforms.json`, if there is one. `all` are the values of the `transforms.json`.
     ///
     /// Its cameras may have been transformed before, by `applied_transform` and `applied_scale`. The saved transform

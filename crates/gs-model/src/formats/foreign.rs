@@ -159,7 +159,7 @@ pub(crate) fn json(file: &Path, bytes: &[u8]) -> Option<Error> {
     use std::collections::BTreeMap;
 
     #[derive(Deserialize)]
-    struct Named {
+    struct FileList {
         filenames: Vec<String>,
     }
 
@@ -176,7 +176,7 @@ pub(crate) fn json(file: &Path, bytes: &[u8]) -> Option<Error> {
     let keys: BTreeMap<String, IgnoredAny> = serde_json::from_slice(text).ok()?;
     let has = |name: &str| keys.contains_key(name);
     let what = if has("lodLevels") && has("filenames") {
-        let named: Option<Named> = serde_json::from_slice(text).ok();
+        let named: Option<FileList> = serde_json::from_slice(text).ok();
         let first = named.and_then(|n| n.filenames.into_iter().next());
         let first = crate::error::excerpt(first.unwrap_or_else(|| "0/meta.json".into()).as_bytes());
         format!(

@@ -1,7 +1,7 @@
 //! `gsvx decode`.
 
 use crate::batch::{self, Job};
-use crate::commands::sequence::{self, Decoding, FrameArgs};
+use crate::commands::sequence::{self, DecodeTask, FrameArgs};
 use crate::exit::note;
 use crate::format;
 use crate::frame_source;
@@ -73,7 +73,7 @@ pub(crate) fn run(args: &DecodeArgs, report: Reporter) -> Result<()> {
     if args.frames.any() || args.inputs.iter().any(|input| frame_source::is_file(input)) {
         let &DecodeArgs { ref inputs, ref output, max_sh_degree, salvage, limit, force, .. } = args;
         let wanted = &args.frames;
-        let what = Decoding { inputs, output, wanted, max_sh_degree, salvage, limit, force };
+        let what = DecodeTask { inputs, output, wanted, max_sh_degree, salvage, limit, force };
         return sequence::decode(&what, format, report);
     }
     let jobs = batch::jobs(&args.inputs, &args.output, format.extensions[0], args.force)?;

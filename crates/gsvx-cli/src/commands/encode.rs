@@ -5,7 +5,7 @@ mod summary;
 
 use crate::batch::{self, Job};
 use crate::commands::join::{self, ScenePart};
-use crate::commands::sequence::{self, Encoding};
+use crate::commands::sequence::{self, EncodeTask};
 use crate::content::{CONTENT, LARGE, SceneArgs};
 use crate::exit::{missed, note, usage};
 use crate::format::{self, STREAM, is_stream_name};
@@ -203,7 +203,7 @@ pub(crate) fn run(args: &EncodeArgs, report: Reporter) -> Result<()> {
             let (group, encode) = (args.group.into(), args.options());
             let options = SequenceOptions { fps, quality, group, encode };
             let (bytes_per_second, estimate) = (args.target_bytes, !args.no_estimate);
-            let encoding = Encoding { options, bytes_per_second, estimate };
+            let encoding = EncodeTask { options, bytes_per_second, estimate };
             return sequence::encode_frames(&args.scene, &frames, &encoding, report);
         }
         models = frames.paths().to_vec();

@@ -26,7 +26,7 @@ use std::time::Instant;
 pub(crate) const HEADING: &str = "Sequences of frames";
 
 /// What `gsvx encode` is to make of frames.
-pub(crate) struct Encoding {
+pub(crate) struct EncodeTask {
     pub(crate) options: SequenceOptions,
     /// Most bytes of a second, instead of the quality of the options.
     pub(crate) bytes_per_second: Option<u64>,
@@ -34,14 +34,14 @@ pub(crate) struct Encoding {
 }
 
 /// An encoded sequence.
-struct Made {
+struct SequenceStream {
     bytes: Vec<u8>,
     input_bytes: u64,
     transparent: usize,
     outliers: usize,
 }
 
-impl AsRef<[u8]> for Made {
+impl AsRef<[u8]> for SequenceStream {
     fn as_ref(&self) -> &[u8] {
         &self.bytes
     }
@@ -53,7 +53,7 @@ fn made(
     frames: &EncodeFrames,
     options: SequenceOptions,
     say: bool,
-) -> Result<Made> {
+) -> Result<SequenceStream> {
     let mut encoder = SequenceEncoder::new(options)?;
     let mut input_bytes = 0;
     let bar = Meter::new("frames", frames.len());
@@ -71,7 +71,7 @@ fn made(
     }
     let bytes = encoder.finish()?;
     let (transparent, outliers) = (encoder.transparent(), encoder.outliers());
-    Ok(Made { bytes, input_bytes, transparent, outliers })
+    Ok(SequenceStream { bytes, input_bytes, transparent, outliers })
 }
 
 /// The best sequence of at most so many bytes. All frames are read for each quality that is tried.
@@ -80,7 +80,7 @@ fn searched(
     frames: &EncodeFrames,
     options: SequenceOptions,
     most: u64,
-) -> Result<SearchResult<Made>> {
+) -> Result<SearchResult<SequenceStream>> {
     let (mut why, mut first) = (None, true);
     let found = rate::to_bytes(most, |quality| {
         let say = std::mem::take(&mut first);
@@ -98,10 +98,10 @@ fn searched(
 pub(crate) fn encode_frames(
     args: &SceneArgs,
     frames: &EncodeFrames,
-    encoding: &Encoding,
+    encoding: &EncodeTask,
     report: Reporter,
 ) -> Result<()> {
-    let Encoding { options, bytes_per_second, estimate } = *encoding;
+    let EncodeTask { options, bytes_per_second, estimate } = *encoding;
     let output = Output::open(&args.output, args.force, frames.paths())?;
     let start = Instant::now();
     let seconds = frames.len() as f64 / f64::from(options.fps);
@@ -116,7 +116,7 @@ pub(crate) fn encode_frames(
         },
     };
     let SearchResult { encoded, quality, encodes, reached, .. } = found;
-    let Made { bytes, input_bytes, transparent, outliers } = encoded;
+    let SequenceStream { bytes, input_bytes, transparent, outliers } = encoded;
     if transparent > 0 {
         note(content::transparent(transparent));
     }
@@ -242,7 +242,7 @@ impl FrameArgs {
 }
 
 /// What `gsvx decode` is to do with a sequence.
-pub(crate) struct Decoding<'a> {
+pub(crate) struct DecodeTask<'a> {
     pub(crate) inputs: &'a [PathBuf],
     pub(crate) output: &'a Path,
     pub(crate) wanted: &'a FrameArgs,
@@ -253,7 +253,7 @@ pub(crate) struct Decoding<'a> {
 }
 
 /// Writes frames of a sequence as models: one to a file, or several into a folder.
-pub(crate) fn decode(args: &Decoding<'_>, format: &Format, report: Reporter) -> Result<()> {
+pub(crate) fn decode(args: &DecodeTask<'_>, format: &Format, report: Reporter) -> Result<()> {
     let [path] = args.inputs else {
         return Err(usage("--frame and --frames take one sequence"));
     };

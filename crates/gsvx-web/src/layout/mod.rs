@@ -31,7 +31,7 @@ pub(crate) fn named(
 ) -> Result<Box<dyn ArrayLayout>, JsValue> {
     Ok(match name {
         "planar" => Box::new(planar::Planar::of(arrays, capacity, sh_degree)?),
-        "packed" => Box::new(packed::Packed::of(arrays, capacity, sh_degree)?),
+        "packed" => Box::new(packed::PackedLayout::of(arrays, capacity, sh_degree)?),
         "covariances" => Box::new(covariances::Covariances::of(arrays, capacity, sh_degree)?),
         _ => {
             let message = format!("no layout {name}: use planar, packed or covariances");

@@ -9,7 +9,7 @@ use js_sys::Object;
 use wasm_bindgen::JsValue;
 
 /// `a`, `b`, and the arrays of SH coefficients.
-pub(crate) struct Packed {
+pub(crate) struct PackedLayout {
     a: Column<u32>,
     b: Column<u32>,
     sh: Vec<Column<u32>>,
@@ -18,7 +18,7 @@ pub(crate) struct Packed {
 /// The arrays of SH coefficients.
 const SH: [&str; 4] = ["sh1", "sh2", "sh3a", "sh3b"];
 
-impl Packed {
+impl PackedLayout {
     pub(crate) fn of(arrays: &Object, capacity: usize, sh_degree: u8) -> Result<Self, JsValue> {
         let sh = SH.into_iter().zip(SH_DEGREES).filter(|(_, degree)| *degree <= sh_degree);
         Ok(Self {
@@ -31,7 +31,7 @@ impl Packed {
     }
 }
 
-impl ArrayLayout for Packed {
+impl ArrayLayout for PackedLayout {
     fn put(&mut self, first: usize, block: &Scene) {
         for i in 0..block.len() {
             self.a.block.extend(a(block, i));

@@ -8,7 +8,7 @@
 
 use super::check::{check, check_sh};
 use super::gaussians::resize;
-use super::groups::{BASE, GROUPS, Group, Predicted, Prediction, coded, colours};
+use super::groups::{BASE, GROUPS, Group, PredictFrom, Prediction, coded, colours};
 use super::skeleton::Skeleton;
 use super::{CLASS_STEP, ChunkValues, steps_of};
 use crate::attributes::side::Factors;
@@ -216,7 +216,7 @@ impl ChunkEncoder {
         if !how.fit {
             return Ok(0);
         }
-        let from_leaf = GROUPS.iter().filter(|g| g.predicted == Predicted::FromLeaf).count();
+        let from_leaf = GROUPS.iter().filter(|g| g.predicted == PredictFrom::FromLeaf).count();
         let fixed = 1 + 2 * from_leaf + self.coder.clone().finish().len();
         Ok(fixed as u64 + base?.div_ceil(8) + degrees?)
     }

@@ -33,7 +33,7 @@ pub enum Attribute {
 
 /// What a group is predicted from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Predicted {
+pub enum PredictFrom {
     /// Nothing.
     Not,
     /// Its first channel from the depth and class of each leaf.
@@ -50,21 +50,21 @@ pub struct Group {
     /// Number of channels.
     pub channels: usize,
     /// What they are predicted from.
-    pub predicted: Predicted,
+    pub predicted: PredictFrom,
 }
 
 /// All groups: those of the base layer, then those of one SH degree and layer each.
 pub const GROUPS: [Group; 6] = [
-    Group { attribute: Attribute::Opacity, channels: 1, predicted: Predicted::FromLeaf },
-    Group::of_degree(0, Predicted::Not),
-    Group { attribute: Attribute::Covariance, channels: 6, predicted: Predicted::FromLeaf },
-    Group::of_degree(1, Predicted::Not),
-    Group::of_degree(2, Predicted::FromBelow),
-    Group::of_degree(3, Predicted::FromBelow),
+    Group { attribute: Attribute::Opacity, channels: 1, predicted: PredictFrom::FromLeaf },
+    Group::of_degree(0, PredictFrom::Not),
+    Group { attribute: Attribute::Covariance, channels: 6, predicted: PredictFrom::FromLeaf },
+    Group::of_degree(1, PredictFrom::Not),
+    Group::of_degree(2, PredictFrom::FromBelow),
+    Group::of_degree(3, PredictFrom::FromBelow),
 ];
 /// Positions, which leave the centres of their leaves in sequences.
 const POSITION: Group =
-    Group { attribute: Attribute::Position, channels: 3, predicted: Predicted::Not };
+    Group { attribute: Attribute::Position, channels: 3, predicted: PredictFrom::Not };
 /// All groups that can move.
 pub(crate) const MOVING: [Group; 7] =
     [POSITION, GROUPS[0], GROUPS[1], GROUPS[2], GROUPS[3], GROUPS[4], GROUPS[5]];
@@ -80,7 +80,7 @@ pub(crate) fn coded(sh_degree: u8) -> &'static [Group] {
 const RUN: usize = 64;
 
 impl Group {
-    const fn of_degree(degree: u8, predicted: Predicted) -> Self {
+    const fn of_degree(degree: u8, predicted: PredictFrom) -> Self {
         let channels = 3 * (2 * degree as usize + 1);
         Self { attribute: Attribute::Colour { degree }, channels, predicted }
     }
@@ -147,10 +147,10 @@ impl Group {
         r: &mut SliceReader<'_>,
     ) -> Result<Prediction> {
         Ok(match (self.predicted, self.attribute) {
-            (Predicted::FromLeaf, _) => {
+            (PredictFrom::FromLeaf, _) => {
                 Prediction::Leaf(Factors { depth: r.u8()? as i8, class: r.u8()? as i8 })
             }
-            (Predicted::FromBelow, Attribute::Colour { degree }) => {
+            (PredictFrom::FromBelow, Attribute::Colour { degree }) => {
                 Predictor::read(degree, leaves, r)?.map_or(Prediction::None, Prediction::Below)
             }
             _ => Prediction::None,
@@ -191,7 +191,7 @@ impl Prediction {
 
 #[cfg(feature = "encode")]
 mod encode {
-    use super::{Attribute, Group, Predicted, Prediction, coefficients};
+    use super::{Attribute, Group, PredictFrom, Prediction, coefficients};
     use crate::attributes::prediction::Predictor;
     use crate::attributes::side::Factors;
     use crate::attributes::{colour, opacity};
@@ -281,11 +281,11 @@ mod encode {
         ) -> Prediction {
             let classes = &skeleton.classes;
             match (self.predicted, self.attribute, below) {
-                (Predicted::FromLeaf, ..) => {
+                (PredictFrom::FromLeaf, ..) => {
                     let first = |i: usize| rows.row(i)[0];
                     Prediction::Leaf(Factors::fit(skeleton.plan.leaves(), classes, first))
                 }
-                (Predicted::FromBelow, Attribute::Colour { degree }, Some(below)) => {
+                (PredictFrom::FromBelow, Attribute::Colour { degree }, Some(below)) => {
                     let exact = |i: usize, row: &mut [f32]| row.copy_from_slice(rows.row(i));
                     let fitted = Predictor::fit(degree, below, classes, [step; 2], exact);
                     fitted.map_or(Prediction::None, Prediction::Below)
@@ -301,7 +301,7 @@ mod encode {
                     out.extend([factors.depth as u8, factors.class as u8]);
                 }
                 (_, Prediction::Below(predictor)) => predictor.write(out),
-                (Predicted::FromBelow, Prediction::None) => out.push(0),
+                (PredictFrom::FromBelow, Prediction::None) => out.push(0),
                 (_, Prediction::None) => {}
             }
         }

@@ -26,7 +26,7 @@ pub(crate) use gaussians::resize;
 #[cfg(feature = "encode")]
 pub(crate) use groups::coded;
 #[cfg(feature = "encode")]
-pub use groups::{Attribute, GROUPS, Group, Predicted};
+pub use groups::{Attribute, GROUPS, Group, PredictFrom};
 #[cfg(not(feature = "encode"))]
 pub(crate) use groups::{Attribute, Group};
 pub(crate) use groups::{MOVING, coefficients};

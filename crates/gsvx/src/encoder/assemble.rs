@@ -1,7 +1,7 @@
 //! The parts of a stream put together: chunks of leaves, the exact chunk, and the head in front of them.
 
 use super::check::checked_outliers;
-use super::encoded::Encoded;
+use super::encoded::EncodedStream;
 use crate::error::Result;
 use crate::head::{Chunk, Header, Index, Kind, Layer};
 use crate::lossless;
@@ -56,7 +56,7 @@ pub(crate) fn exact_chunk(scene: &Scene, keep_order: bool) -> (EncodedChunk, Vec
 ///
 /// # Errors
 /// As [`Index::before`].
-pub(crate) fn assemble(header: Header, encoded: Vec<EncodedChunk>) -> Result<Encoded> {
+pub(crate) fn assemble(header: Header, encoded: Vec<EncodedChunk>) -> Result<EncodedStream> {
     let mut chunks = Vec::with_capacity(encoded.len());
     let mut payload =
         Vec::with_capacity(encoded.iter().flat_map(|chunk| &chunk.1).map(Vec::len).sum());
@@ -70,7 +70,7 @@ pub(crate) fn assemble(header: Header, encoded: Vec<EncodedChunk>) -> Result<Enc
     }
     let (index, mut bytes) = Index::before(header, chunks)?;
     bytes.extend(payload);
-    Ok(Encoded { bytes, index, ..Encoded::default() })
+    Ok(EncodedStream { bytes, index, ..EncodedStream::default() })
 }
 
 /// Gives a scene another SH degree: coefficients are cut, or zeros are added.

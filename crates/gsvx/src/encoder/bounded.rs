@@ -7,8 +7,8 @@
 //!
 //! Invariant: what [`encode`] returns has been decoded, and keeps all bounds.
 
-use super::encode::{Coding, encode_source};
-use super::encoded::Encoded;
+use super::encode::{CodingChoice, encode_source};
+use super::encoded::EncodedStream;
 use super::options::{CodeOptions, MaxError};
 use super::source::GaussianSource;
 use crate::error::Result;
@@ -39,7 +39,7 @@ pub(crate) fn encode(
     outliers: &[usize],
     bounds: &MaxError,
     options: &CodeOptions,
-) -> Result<Option<Encoded>> {
+) -> Result<Option<EncodedStream>> {
     bounds.check()?;
     let mut exact = vec![false; scene.len()];
     outliers.iter().for_each(|&i| exact[i] = true);
@@ -53,7 +53,7 @@ pub(crate) fn encode(
         if round > 0 && worst.iter().all(|&r| r <= 1.0) {
             let max_error = Some(bounds.times(&worst));
             let rows = rows(&placed.order, &exact);
-            return Ok(Some(Encoded { max_error, rows, ..encoded }));
+            return Ok(Some(EncodedStream { max_error, rows, ..encoded }));
         }
         steps = steps::next(steps, &worst, round == 0, bounds);
         if round >= MAX_STEP_UPDATES {
@@ -81,7 +81,7 @@ fn encode_once(
     exact: &[bool],
     steps: &Steps,
     options: &CodeOptions,
-) -> Result<Encoded> {
+) -> Result<EncodedStream> {
     let outliers: Vec<usize> = (0..scene.len()).filter(|&i| exact[i]).collect();
     let outliers = scene.select(&outliers);
     let mut inside = scene.select(&placed.order);
@@ -96,6 +96,6 @@ fn encode_once(
     };
     let options = &CodeOptions { uniform_precision: true, ..*options };
     // The quantiser's trade of errors for bits is off: it makes single errors large.
-    let coding = Coding { lambda: Some(0.0), ..Coding::new(steps, options) };
+    let coding = CodingChoice { lambda: Some(0.0), ..CodingChoice::new(steps, options) };
     encode_source(&source, Some(&outliers), coding)
 }

@@ -1,7 +1,7 @@
 //! [`Coarse`]: the coarser levels of detail of leaves whose Gaussians an optimiser moves.
 
 use super::assemble::EncodedChunk;
-use super::encode::{Coding, encode_levels};
+use super::encode::{CodingChoice, encode_levels};
 use super::lod::LodLevel;
 use super::options::CodeOptions;
 use super::source::GaussianSource;
@@ -33,6 +33,12 @@ impl Coarse {
         let Self { voxels, levels, weights } = self;
         let source = GaussianSource { scene: finest, voxels, weights, merged: true, whole: None };
         let options = CodeOptions::default();
-        encode_levels(&source, levels, header.sh_degree, Coding::new(&header.steps, &options), None)
+        encode_levels(
+            &source,
+            levels,
+            header.sh_degree,
+            CodingChoice::new(&header.steps, &options),
+            None,
+        )
     }
 }

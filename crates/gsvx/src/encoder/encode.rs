@@ -4,7 +4,7 @@ use super::assemble::{EncodedChunk, assemble, joined, without_zero_degrees};
 use super::check::{
     check_centres, check_length, check_lengths, check_steps, checked_outliers, used_degree,
 };
-use super::encoded::Encoded;
+use super::encoded::EncodedStream;
 use super::lod::{self, LodLevel};
 use super::options::CodeOptions;
 use super::source::{GaussianSource, Whole};
@@ -20,16 +20,16 @@ use voxel::{Importance, Voxelization};
 
 /// How a source is coded.
 #[derive(Clone, Copy)]
-pub(crate) struct Coding<'a> {
+pub(crate) struct CodingChoice<'a> {
     pub(crate) steps: &'a Steps,
     pub(crate) options: &'a CodeOptions,
     /// See [`CodingSettings::lambda`].
     pub(crate) lambda: Option<f32>,
-    /// Keep the decoded scene: [`Encoded::decoded`].
+    /// Keep the decoded scene: [`EncodedStream::decoded`].
     pub(crate) keep: bool,
 }
 
-impl<'a> Coding<'a> {
+impl<'a> CodingChoice<'a> {
     /// By the quantiser's own trade of errors for bits.
     pub(crate) fn new(steps: &'a Steps, options: &'a CodeOptions) -> Self {
         Self { steps, options, lambda: None, keep: false }
@@ -53,7 +53,7 @@ pub fn encode_voxels(
     importance: Option<&[f32]>,
     steps: &Steps,
     options: &CodeOptions,
-) -> Result<Encoded> {
+) -> Result<EncodedStream> {
     check_lengths(scene)?;
     check_centres(scene, octree)?;
     if let Some(given) = importance {
@@ -66,16 +66,16 @@ pub fn encode_voxels(
     let weights = &Importance::Given(importance);
     let voxels = &Voxelization::one_each(octree.clone());
     let source = GaussianSource { scene, voxels, weights, merged: true, whole: None };
-    encode_source(&source, outliers, Coding::new(steps, options))
+    encode_source(&source, outliers, CodingChoice::new(steps, options))
 }
 
 /// Encodes the leaves of a source, a chunk at a time on each thread.
 pub(crate) fn encode_source(
     source: &GaussianSource<'_>,
     outliers: Option<&Scene>,
-    coding: Coding<'_>,
-) -> Result<Encoded> {
-    let Coding { steps, options, keep, .. } = coding;
+    coding: CodingChoice<'_>,
+) -> Result<EncodedStream> {
+    let CodingChoice { steps, options, keep, .. } = coding;
     check_steps(steps)?;
     let outliers = checked_outliers(outliers, source.scene.sh_degree)?;
     let exact_degree = outliers.map_or(0, |o| used_degree(o, options.max_sh_degree));
@@ -106,7 +106,7 @@ pub(crate) fn encode_source(
     }
     let left_out = source.voxels.dropped().len();
     let rows = source.voxels.leaf_of_each(source.scene.len());
-    Ok(Encoded { left_out, rows, decoded, ..assemble(header, chunks)? })
+    Ok(EncodedStream { left_out, rows, decoded, ..assemble(header, chunks)? })
 }
 
 /// Encodes levels of the leaves of a source, the last one first. `decoded` gets the Gaussians that a decoder makes of the
@@ -115,10 +115,10 @@ pub(crate) fn encode_levels(
     source: &GaussianSource<'_>,
     levels: &[LodLevel],
     sh_degree: u8,
-    coding: Coding<'_>,
+    coding: CodingChoice<'_>,
     mut decoded: Option<&mut Scene>,
 ) -> Result<Vec<EncodedChunk>> {
-    let Coding { steps, lambda, .. } = coding;
+    let CodingChoice { steps, lambda, .. } = coding;
     let how = CodingSettings { steps, sh_degree, fit: true, lambda };
     let importance = source.importance();
     let jobs: Vec<_> = levels
@@ -160,7 +160,7 @@ fn classes(
     source: &GaussianSource<'_>,
     level: &LodLevel,
     importance: &[f32],
-    Coding { steps, options, .. }: Coding<'_>,
+    CodingChoice { steps, options, .. }: CodingChoice<'_>,
 ) -> Vec<f32> {
     let step = steps.covariance;
     match source.whole.filter(|_| level.lod == 0) {

@@ -1,4 +1,4 @@
-//! [`Encoded`]: a finished stream, and what is known of it.
+//! [`EncodedStream`]: a finished stream, and what is known of it.
 
 use super::options::MaxError;
 use crate::decode::{DecodeOptions, decode_with};
@@ -8,7 +8,7 @@ use gs_model::Scene;
 
 /// A finished stream.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Encoded {
+pub struct EncodedStream {
     /// The stream.
     pub bytes: Vec<u8>,
     /// Its head.
@@ -28,11 +28,11 @@ pub struct Encoded {
     /// The row in which a decoder returns each Gaussian of the input. Gaussians that were merged share one.
     /// [`LEFT_OUT`] stands for those left out. [`crate::latents`] has no input, and leaves this empty.
     pub rows: Vec<u32>,
-    /// What [`Encoded::decode`] returns, if [`crate::Encoder::keep_decoded`] asks for it.
+    /// What [`EncodedStream::decode`] returns, if [`crate::Encoder::keep_decoded`] asks for it.
     pub decoded: Option<Scene>,
 }
 
-/// How coarse the finest cells are; see [`Encoded::coarse_cells`].
+/// How coarse the finest cells are; see [`EncodedStream::coarse_cells`].
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct CoarseCells {
     /// Side of a cell, in units of the largest axis of a Gaussian.
@@ -49,10 +49,10 @@ impl CoarseCells {
     }
 }
 
-/// In [`Encoded::rows`]: a Gaussian that is not in the stream.
+/// In [`EncodedStream::rows`]: a Gaussian that is not in the stream.
 pub const LEFT_OUT: u32 = u32::MAX;
 
-impl Encoded {
+impl EncodedStream {
     /// The scene of the finest level.
     ///
     /// # Errors
@@ -91,7 +91,7 @@ impl Encoded {
     }
 }
 
-impl AsRef<[u8]> for Encoded {
+impl AsRef<[u8]> for EncodedStream {
     fn as_ref(&self) -> &[u8] {
         &self.bytes
     }

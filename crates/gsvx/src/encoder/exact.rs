@@ -2,7 +2,7 @@
 
 use super::assemble::{assemble, exact_chunk};
 use super::check::check_lengths;
-use super::encoded::Encoded;
+use super::encoded::EncodedStream;
 use crate::error::{Error, Result};
 use crate::head::{Header, Steps};
 use gpcc_lite::Cube;
@@ -14,13 +14,13 @@ use gs_model::Scene;
 /// # Errors
 /// [`Error::Length`] if the arrays of the scene differ in length, [`Error::Limit`] beyond
 /// 2^32 - 2 Gaussians.
-pub fn encode_lossless(scene: &Scene, keep_order: bool) -> Result<Encoded> {
+pub fn encode_lossless(scene: &Scene, keep_order: bool) -> Result<EncodedStream> {
     check_lengths(scene)?;
     all_exact(scene, keep_order)
 }
 
 /// As [`encode_lossless`], of a scene whose arrays have been checked.
-pub(crate) fn all_exact(scene: &Scene, keep_order: bool) -> Result<Encoded> {
+pub(crate) fn all_exact(scene: &Scene, keep_order: bool) -> Result<EncodedStream> {
     let n = scene.len();
     if n as u64 >= u64::from(u32::MAX) {
         return Err(Error::Limit { points: n as u64, limit: u64::from(u32::MAX) - 1 });
@@ -40,5 +40,5 @@ pub(crate) fn all_exact(scene: &Scene, keep_order: bool) -> Result<Encoded> {
     let (chunk, order) = exact_chunk(scene, keep_order);
     let mut rows: Vec<u32> = (0..n as u32).collect();
     (0..).zip(&order).for_each(|(row, &i)| rows[i as usize] = row);
-    Ok(Encoded { rows, ..assemble(header, vec![chunk])? })
+    Ok(EncodedStream { rows, ..assemble(header, vec![chunk])? })
 }

@@ -7,8 +7,8 @@ use std::ops::Range;
 
 /// How a joined stream is put together.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Joined {
-    /// The head; [`Joined::pieces`] follow it.
+pub struct JoinOutcome {
+    /// The head; [`JoinOutcome::pieces`] follow it.
     pub head: Vec<u8>,
     /// Ranges of the streams that were joined: the number of the stream, and bytes of it.
     pub pieces: Vec<(usize, Range<u64>)>,
@@ -23,8 +23,8 @@ pub struct Joined {
 /// # Errors
 /// [`Error::NotOneScene`] if streams differ in what parts of a scene share, or overlap; if they have
 /// different levels of detail, or exact Gaussians.
-pub fn join(streams: &[Index]) -> Result<Joined> {
-    let Some(first) = streams.first() else { return Ok(Joined::default()) };
+pub fn join(streams: &[Index]) -> Result<JoinOutcome> {
+    let Some(first) = streams.first() else { return Ok(JoinOutcome::default()) };
     let mut sh_degree = 0;
     let mut chunks: Vec<(usize, &Chunk)> = Vec::new();
     for (number, stream) in streams.iter().enumerate() {
@@ -65,7 +65,7 @@ pub fn join(streams: &[Index]) -> Result<Joined> {
     put_together(header, &chunks)
 }
 
-fn put_together(header: Header, chunks: &[(usize, &Chunk)]) -> Result<Joined> {
+fn put_together(header: Header, chunks: &[(usize, &Chunk)]) -> Result<JoinOutcome> {
     let mut pieces: Vec<(usize, Range<u64>)> = Vec::new();
     let mut joined = Vec::with_capacity(chunks.len());
     for &(number, chunk) in chunks {
@@ -85,5 +85,5 @@ fn put_together(header: Header, chunks: &[(usize, &Chunk)]) -> Result<Joined> {
         joined.push(chunk);
     }
     let (index, head) = Index::before(header, joined)?;
-    Ok(Joined { head, pieces, index })
+    Ok(JoinOutcome { head, pieces, index })
 }

@@ -15,13 +15,13 @@
 use super::assemble::{EncodedChunk, assemble, leaves_chunk, with_outliers, without_zero_degrees};
 use super::check::{check_centres, check_length, check_lengths, check_steps, used_degree};
 use super::coarse::Coarse;
-use super::encoded::Encoded;
+use super::encoded::EncodedStream;
 use super::lod;
 use super::options::CodeOptions;
 use crate::attributes::opacity;
 use crate::chunk::{self, ChunkEncoder, CodingSettings, LAMBDA_MOVED, Values, coded};
 pub use crate::chunk::{
-    Attribute, GROUPS, GaussianGradient, Group, Predicted, Transform, TransformPrediction,
+    Attribute, GROUPS, GaussianGradient, Group, PredictFrom, Transform, TransformPrediction,
 };
 pub use crate::covariance::EQUAL_AXES;
 use crate::error::Result;
@@ -301,7 +301,7 @@ impl Latents {
     ///
     /// # Errors
     /// As [`crate::encode_voxels`].
-    pub fn encode(&mut self, outliers: Option<&Scene>) -> Result<Encoded> {
+    pub fn encode(&mut self, outliers: Option<&Scene>) -> Result<EncodedStream> {
         let Self { header, chunks, channels, values, .. } = self;
         let (channels, header) = (*channels, &*header);
         let encode = |(range, chunk): &mut (Range<usize>, ChunkEncoder)| {

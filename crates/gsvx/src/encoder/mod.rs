@@ -28,19 +28,19 @@ mod warning;
 pub use check::check_values;
 pub use decimate::decimate;
 pub use encode::encode_voxels;
-pub use encoded::{CoarseCells, Encoded, LEFT_OUT};
+pub use encoded::{CoarseCells, EncodedStream, LEFT_OUT};
 pub use exact::encode_lossless;
-pub use join::{Joined, join};
+pub use join::{JoinOutcome, join};
 pub use measure::Measure;
 pub use options::{
     CodeOptions, DEFAULT_QUALITY, EncodeOptions, ImportanceFrom, Leaves, MaxError, PrepareOptions,
 };
 pub use plan::{Choices, Plan};
-pub use prepare::{Prepared, encode, prepare, prune};
+pub use prepare::{VoxelScene, encode, prepare, prune};
 pub use preset::Preset;
 pub use sequence::{SequenceEncoder, SequenceOptions};
 pub use survey::Survey;
-pub use warning::{EncodeWarning, Missed};
+pub use warning::{EncodeWarning, MissedAim};
 
 use crate::error::{Error, Result};
 use crate::head::Steps;
@@ -76,7 +76,7 @@ pub enum EncodeProgress<'a> {
     /// It begins a stream of this quality.
     Begins(f32),
     /// It has made a stream of this quality. A search makes several.
-    Made(f32, &'a Encoded),
+    Made(f32, &'a EncodedStream),
 }
 
 type OnProgress<'a> = Box<dyn FnMut(EncodeProgress<'_>) -> ControlFlow<()> + 'a>;
@@ -103,7 +103,7 @@ pub struct Encoder<'a> {
     /// What is kept, and the layout of the stream. With bounds on errors, nothing is merged, and precision follows from
     /// the bounds; lossless coding leaves no choice.
     pub options: EncodeOptions,
-    /// Keep the decoded scene of [`Aim::Quality`] in [`Encoded::decoded`], which saves decoding the stream.
+    /// Keep the decoded scene of [`Aim::Quality`] in [`EncodedStream::decoded`], which saves decoding the stream.
     pub keep_decoded: bool,
     progress: Option<OnProgress<'a>>,
     measure: Option<MeasureBy<'a>>,
@@ -113,7 +113,7 @@ pub struct Encoder<'a> {
 #[derive(Clone, Debug, Default)]
 pub struct EncoderOutput {
     /// The stream.
-    pub encoded: Encoded,
+    pub encoded: EncodedStream,
     /// Its quality, unless errors are bounded.
     pub quality: Option<f32>,
     /// The value of the measure that was aimed for.
@@ -121,7 +121,7 @@ pub struct EncoderOutput {
     /// Streams that were encoded to find it.
     pub encodes: usize,
     /// Why it misses its aim, if it does. It comes as near as a stream can.
-    pub missed: Option<Missed>,
+    pub missed: Option<MissedAim>,
     /// What its user should know.
     pub warnings: Vec<EncodeWarning>,
 }
@@ -185,15 +185,15 @@ impl<'a> Encoder<'a> {
             Aim::Bytes(most) => {
                 let found = rate::to_bytes(most, at)?;
                 let smallest = found.encoded.bytes.len() as u64;
-                let missed = Missed::Bytes { wanted: most, smallest };
+                let missed = MissedAim::Bytes { wanted: most, smallest };
                 EncoderOutput::of(found, None, missed)
             }
             Aim::Alike { measure: by, target } => {
                 let measure = measure.as_mut().ok_or(Error::NotMeasured)?;
-                let value = |encoded: &Encoded| Ok(measure(by, &encoded.decode()?));
+                let value = |encoded: &EncodedStream| Ok(measure(by, &encoded.decode()?));
                 let found = rate::to_measure(by, target, at, value)?;
                 let best = found.measured.unwrap_or(f64::NAN);
-                let missed = Missed::Alike { measure: by, wanted: target, best };
+                let missed = MissedAim::Alike { measure: by, wanted: target, best };
                 EncoderOutput::of(found, Some(by), missed)
             }
         };
@@ -204,7 +204,7 @@ impl<'a> Encoder<'a> {
 
 impl EncoderOutput {
     /// The result of a search.
-    fn of(found: SearchResult<Encoded>, measure: Option<Measure>, missed: Missed) -> Self {
+    fn of(found: SearchResult<EncodedStream>, measure: Option<Measure>, missed: MissedAim) -> Self {
         let SearchResult { encoded, quality, encodes, measured, reached } = found;
         Self {
             encoded,
@@ -231,12 +231,14 @@ mod tests {
         let made = Encoder::new(Aim::Bytes(3000)).encode(&scene, None).unwrap();
         assert!(made.encoded.bytes.len() <= 3000 && made.encodes > 1 && made.missed.is_none());
         let made = Encoder::new(Aim::Bytes(10)).encode(&scene, None).unwrap();
-        assert!(matches!(made.missed, Some(Missed::Bytes { wanted: 10, .. })));
+        assert!(matches!(made.missed, Some(MissedAim::Bytes { wanted: 10, .. })));
         let mut encoder = Encoder::new(Aim::Alike { measure: Measure::Psnr, target: 1e9 });
         assert!(matches!(encoder.encode(&scene, None), Err(Error::NotMeasured)));
         encoder.measure_by(|_, scene| scene.len() as f64);
         let made = encoder.encode(&scene, None).unwrap();
-        assert!(matches!(made.missed, Some(Missed::Alike { .. })) && made.quality == Some(100.0));
+        assert!(
+            matches!(made.missed, Some(MissedAim::Alike { .. })) && made.quality == Some(100.0)
+        );
         let bounds = MaxError::all(0.1);
         let made = Encoder::new(Aim::MaxError(bounds)).encode(&scene, None).unwrap();
         assert!(made.encoded.max_error.is_some_and(|e| e.mean <= 0.1));

@@ -7,7 +7,7 @@ use crate::lossless::layout;
 use gpcc_lite::Cube;
 use gpcc_lite::morton::MAX_DEPTH;
 use gs_model::Scene;
-use voxel::{Trim, Trimmed};
+use voxel::{Trim, TrimOutcome};
 
 /// Cells this many times smaller than the median Gaussian's largest axis are needed at least. An outlier costs the
 /// octree about three bits a level, less than its floats, so outliers are split off only where the greatest
@@ -23,7 +23,7 @@ const CELLS_PER_AXIS: f64 = 8.0;
 ///
 /// # Errors
 /// [`crate::Error::Voxel`] if the median log-scale is not finite.
-pub(crate) fn split_outliers(scene: &Scene, survey: &Survey) -> Result<Option<Trimmed>> {
+pub(crate) fn split_outliers(scene: &Scene, survey: &Survey) -> Result<Option<TrimOutcome>> {
     let Some(median) = survey.median_log_scale() else { return Ok(None) };
     let cell = libm::exp(median) / CELLS_PER_AXIS;
     // Before that no trimmed cube pays. Most scenes end here.

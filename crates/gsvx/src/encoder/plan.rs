@@ -6,8 +6,8 @@
 
 use super::Aim;
 use super::check::check_length;
-use super::encode::{Coding, encode_source};
-use super::encoded::{CoarseCells, Encoded};
+use super::encode::{CodingChoice, encode_source};
+use super::encoded::{CoarseCells, EncodedStream};
 use super::lod;
 use super::options::{CodeOptions, EncodeOptions, ImportanceFrom, Leaves};
 use super::outliers::suffices;
@@ -198,7 +198,7 @@ impl Plan {
     /// # Errors
     /// [`Error::Length`] if these are not the Gaussians of the tile, or `seen` has another number; otherwise
     /// as [`crate::encode`].
-    pub fn encode(&self, tile: usize, scene: &Scene, seen: &[f32]) -> Result<Encoded> {
+    pub fn encode(&self, tile: usize, scene: &Scene, seen: &[f32]) -> Result<EncodedStream> {
         self.check(tile, scene)?;
         self.encode_range(&self.codes(tile), scene, seen)
     }
@@ -222,11 +222,16 @@ impl Plan {
     ///
     /// # Errors
     /// As [`Plan::encode`].
-    pub fn encode_nothing(&self) -> Result<Encoded> {
+    pub fn encode_nothing(&self) -> Result<EncodedStream> {
         self.encode_range(&(0..u64::MAX), &self.empty_scene(), &[])
     }
 
-    fn encode_range(&self, codes: &Range<u64>, scene: &Scene, seen: &[f32]) -> Result<Encoded> {
+    fn encode_range(
+        &self,
+        codes: &Range<u64>,
+        scene: &Scene,
+        seen: &[f32],
+    ) -> Result<EncodedStream> {
         let importance = self.importance(scene, seen)?;
         let sums = WeightSums {
             count: self.sample_count,
@@ -249,7 +254,7 @@ impl Plan {
             merged: false,
             whole: Some(whole),
         };
-        encode_source(&source, None, Coding::new(&Steps::of_quality(*quality)?, code))
+        encode_source(&source, None, CodingChoice::new(&Steps::of_quality(*quality)?, code))
     }
 
     /// The tile of each Gaussian, from their means.

@@ -2,8 +2,8 @@
 
 use super::bounded;
 use super::check::{about_input, check_length, check_lengths};
-use super::encode::{Coding, encode_source};
-use super::encoded::{Encoded, LEFT_OUT};
+use super::encode::{CodingChoice, encode_source};
+use super::encoded::{EncodedStream, LEFT_OUT};
 use super::exact::all_exact;
 use super::lod;
 use super::options::{EncodeOptions, ImportanceFrom, MaxError, PrepareOptions};
@@ -17,7 +17,7 @@ use crate::head::Steps;
 use crate::importance;
 use gs_model::Scene;
 use std::borrow::Cow;
-use voxel::{Importance, Merge, Trimmed, Voxelization};
+use voxel::{Importance, Merge, TrimOutcome, Voxelization};
 
 /// Encodes a trained model at a quality from 0 (smallest) to 100 (best), in three steps:
 ///
@@ -39,25 +39,25 @@ pub fn encode(
     importance: Option<&[f32]>,
     quality: f32,
     options: &EncodeOptions,
-) -> Result<Encoded> {
+) -> Result<EncodedStream> {
     encode_keeping(scene, importance, quality, options, false)
 }
 
-/// As [`encode`]; with `keep` it has [`Encoded::decoded`].
+/// As [`encode`]; with `keep` it has [`EncodedStream::decoded`].
 pub(super) fn encode_keeping(
     scene: &Scene,
     importance: Option<&[f32]>,
     quality: f32,
     options: &EncodeOptions,
     keep: bool,
-) -> Result<Encoded> {
+) -> Result<EncodedStream> {
     let steps = Steps::of_quality(quality)?;
     let EncodeOptions { prepare, code } = options;
     let encode = || {
         let mut input = Input::lossy(scene, importance, quality, prepare)?;
         let kept = input.scene.len();
         let outliers = split_outliers(&input.scene, &input.survey)?;
-        let coding = Coding { keep, ..Coding::new(&steps, code) };
+        let coding = CodingChoice { keep, ..CodingChoice::new(&steps, code) };
         let encoded = encode_leaves(&mut input, outliers, (quality, prepare), coding)?;
         Ok(input.counted(encoded, scene.len(), kept))
     };
@@ -74,7 +74,7 @@ pub(crate) fn encode_within(
     importance: Option<&[f32]>,
     bounds: &MaxError,
     options: &EncodeOptions,
-) -> Result<Encoded> {
+) -> Result<EncodedStream> {
     let EncodeOptions { prepare, code } = options;
     let encode = || {
         let mut input = Input::new(scene, importance)?;
@@ -86,9 +86,10 @@ pub(crate) fn encode_within(
         }
         let encoded = match bounded::encode(&input.scene, &outliers, bounds, code)? {
             Some(encoded) => encoded,
-            None => {
-                Encoded { max_error: Some(MaxError::all(0.0)), ..all_exact(&input.scene, false)? }
-            }
+            None => EncodedStream {
+                max_error: Some(MaxError::all(0.0)),
+                ..all_exact(&input.scene, false)?
+            },
         };
         Ok(input.counted(encoded, scene.len(), input.scene.len()))
     };
@@ -98,10 +99,10 @@ pub(crate) fn encode_within(
 /// Voxelization and coding.
 fn encode_leaves(
     input: &mut Input<'_>,
-    split: Option<Trimmed>,
+    split: Option<TrimOutcome>,
     (quality, prepare): (f32, &PrepareOptions),
-    coding: Coding<'_>,
-) -> Result<Encoded> {
+    coding: CodingChoice<'_>,
+) -> Result<EncodedStream> {
     let outliers = input.take_out(split.as_ref())?;
     let leaves = input.voxelize(quality, prepare)?;
     let encoded = encode_tiled(&input.scene, leaves, outliers.as_ref(), coding)?.0;
@@ -110,7 +111,7 @@ fn encode_leaves(
         Some(split) => split.rows(&encoded.rows, leaves - split.outliers.len() as u32),
         None => encoded.rows,
     };
-    Ok(Encoded { coarse_cells: input.survey.coarse_cells(), rows, ..encoded })
+    Ok(EncodedStream { coarse_cells: input.survey.coarse_cells(), rows, ..encoded })
 }
 
 /// The stream of a voxelized scene, and its leaves and the importance of each Gaussian again.
@@ -118,8 +119,8 @@ pub(super) fn encode_tiled(
     scene: &Scene,
     leaves: TiledLeaves,
     outliers: Option<&Scene>,
-    coding: Coding<'_>,
-) -> Result<(Encoded, Voxelization, Importance)> {
+    coding: CodingChoice<'_>,
+) -> Result<(EncodedStream, Voxelization, Importance)> {
     let TiledLeaves { voxels, importance, shared } = leaves;
     let whole = shared.as_ref().map(|shared| Whole {
         tiles: lod::LodTiles::new(
@@ -169,7 +170,7 @@ pub(super) fn inside(
 
 /// A voxelized scene with the importance of each leaf, for [`crate::encode_voxels`].
 #[derive(Clone, Debug)]
-pub struct Prepared {
+pub struct VoxelScene {
     /// One Gaussian per leaf, at its centre.
     pub scene: Scene,
     /// The leaves, and their members among the Gaussians that were not left out before.
@@ -190,7 +191,7 @@ pub fn prepare(
     importance: Option<&[f32]>,
     quality: f32,
     options: &PrepareOptions,
-) -> Result<Prepared> {
+) -> Result<VoxelScene> {
     let mut input = Input::lossy(scene, importance, quality, options)?;
     let split = split_outliers(&input.scene, &input.survey)?;
     let outliers = input.take_out(split.as_ref())?;
@@ -198,7 +199,7 @@ pub fn prepare(
     let importance = voxels.sums(&weights);
     let weights = Importance::Given(weights);
     let scene = voxel::Merging::new(&input.scene, &voxels, Merge::Moments, &weights)?.scene();
-    Ok(Prepared { scene, voxels, importance, outliers })
+    Ok(VoxelScene { scene, voxels, importance, outliers })
 }
 
 /// What is encoded, with what belongs to each Gaussian.
@@ -275,7 +276,7 @@ impl<'a> Input<'a> {
     }
 
     /// Takes the outliers out, if there are any.
-    pub(super) fn take_out(&mut self, split: Option<&Trimmed>) -> Result<Option<Scene>> {
+    pub(super) fn take_out(&mut self, split: Option<&TrimOutcome>) -> Result<Option<Scene>> {
         let Some(split) = split else { return Ok(None) };
         let outliers = self.scene.select(&split.outliers);
         self.select(&split.inside)?;
@@ -292,7 +293,7 @@ impl<'a> Input<'a> {
     }
 
     /// A stream with the counts and the rows of all Gaussians of the input, from those of the ones that were kept.
-    fn counted(&self, mut encoded: Encoded, all: usize, kept: usize) -> Encoded {
+    fn counted(&self, mut encoded: EncodedStream, all: usize, kept: usize) -> EncodedStream {
         encoded.transparent = self.transparent;
         encoded.pruned = all - self.transparent - kept;
         if let Some(indices) = &self.kept {

@@ -113,7 +113,7 @@ impl Survey {
         self.log_scale_of(self.sized / 2)
     }
 
-    /// How coarse the finest cells are, if positions err visibly; see [`crate::Encoded::coarse_cells`]. Outliers must not
+    /// How coarse the finest cells are, if positions err visibly; see [`crate::EncodedStream::coarse_cells`]. Outliers must not
     /// be among the Gaussians.
     pub(crate) fn coarse_cells(&self) -> Option<CoarseCells> {
         let cell = self.cube().side * libm::exp2(-f64::from(MAX_DEPTH));

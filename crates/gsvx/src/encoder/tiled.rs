@@ -46,11 +46,11 @@ pub(crate) struct TiledLeaves {
     /// Of each Gaussian.
     pub(crate) importance: Vec<f32>,
     /// `None` without tiles.
-    pub(crate) shared: Option<Shared>,
+    pub(crate) shared: Option<TileRun>,
 }
 
 /// What the tiles of a voxelized scene share.
-pub(crate) struct Shared {
+pub(crate) struct TileRun {
     /// The first leaf of each tile, and its codes.
     pub(crate) tiles: Vec<(usize, Range<u64>)>,
     /// Mean importance of leaves.
@@ -96,20 +96,20 @@ pub(crate) fn voxelize(
     given: Option<Vec<f32>>,
     rules: &TileRules,
 ) -> Result<TiledLeaves> {
-    let cut = Cut::new(scene, rules)?;
+    let cut = TiledScene::new(scene, rules)?;
     let importance = given.unwrap_or_else(|| cut.guessed());
     cut.voxelize(importance, rules)
 }
 
 /// A scene in memory, cut into tiles.
-struct Cut<'a> {
+struct TiledScene<'a> {
     scene: &'a Scene,
     tiles: Tiles,
     /// The Gaussians of each tile, ascending; empty if there is one tile.
     members: Vec<Vec<u32>>,
 }
 
-impl<'a> Cut<'a> {
+impl<'a> TiledScene<'a> {
     fn new(scene: &'a Scene, rules: &TileRules) -> Result<Self> {
         let gaussians = scene.len() as u64;
         if rules.whole() || gaussians <= TILE {
@@ -182,7 +182,7 @@ impl<'a> Cut<'a> {
         if self.members.is_empty() {
             let voxels = voxelized.remove(0)?;
             let mean_importance = Mean::of(&voxels.sums(&importance)).value();
-            let shared = Shared { tiles: vec![(0, self.tiles.codes(0))], mean_importance };
+            let shared = TileRun { tiles: vec![(0, self.tiles.codes(0))], mean_importance };
             return Ok(TiledLeaves { voxels, importance, shared: sum.map(|_| shared) });
         }
         let mut voxels = Voxelization::empty(rules.cube, rules.depth)?;
@@ -195,7 +195,7 @@ impl<'a> Cut<'a> {
             tiles.push((voxels.len(), self.tiles.codes(t)));
             voxels.append(&tile, &self.members[t])?;
         }
-        let shared = Shared { tiles, mean_importance: mean.value() };
+        let shared = TileRun { tiles, mean_importance: mean.value() };
         Ok(TiledLeaves { voxels, importance, shared: Some(shared) })
     }
 }

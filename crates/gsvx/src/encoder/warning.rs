@@ -1,13 +1,13 @@
 //! What the user of a stream should know: warnings, and why a stream misses its aim.
 
-use super::encoded::{CoarseCells, Encoded};
+use super::encoded::{CoarseCells, EncodedStream};
 use super::measure::Measure;
 use gs_model::Scene;
 use std::fmt;
 
 /// Why a stream misses its aim.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Missed {
+pub enum MissedAim {
     /// The smallest stream is larger.
     Bytes {
         /// Bytes at most.
@@ -26,7 +26,7 @@ pub enum Missed {
     },
 }
 
-impl fmt::Display for Missed {
+impl fmt::Display for MissedAim {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Bytes { wanted, smallest } => write!(
@@ -102,7 +102,7 @@ fn short(v: f64) -> String {
 }
 
 /// The warnings on a lossy stream of a scene.
-pub(crate) fn warnings(scene: &Scene, encoded: &Encoded) -> Vec<EncodeWarning> {
+pub(crate) fn warnings(scene: &Scene, encoded: &EncodedStream) -> Vec<EncodeWarning> {
     let mut all: Vec<_> =
         encoded.coarse_cells.into_iter().map(EncodeWarning::CoarseCells).collect();
     if encoded.max_error.is_some() {

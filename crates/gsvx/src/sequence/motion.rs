@@ -30,14 +30,14 @@ pub(crate) struct Motion {
     /// The chunk's first Gaussian in the scene.
     first: usize,
     frames: usize,
-    moving: Vec<Moving>,
+    moving: Vec<MovingAttribute>,
     /// Whether each Gaussian is there, frame by frame; empty if all always are.
     alive: Vec<bool>,
 }
 
 /// An attribute that moves.
 #[derive(Debug)]
-struct Moving {
+struct MovingAttribute {
     group: &'static Group,
     /// The leaves that move.
     leaves: Vec<u32>,
@@ -209,7 +209,7 @@ impl Motion {
                 (0..leaves.len()).for_each(|i| curve.predict(base.row(i), 1.0, rows.row_mut(i)));
                 coefficients.push(rows);
             }
-            motion.moving.push(Moving { group, leaves, base, curves, coefficients });
+            motion.moving.push(MovingAttribute { group, leaves, base, curves, coefficients });
         }
         coder.finish().map_err(coding("motion"))?;
         Ok(motion)
@@ -217,7 +217,7 @@ impl Motion {
 
     /// Moves the Gaussians of the chunk in a scene without motion to where they are in a frame.
     pub(crate) fn apply(&self, frame: usize, scene: &mut Scene) {
-        for Moving { group, leaves, base, curves, coefficients } in &self.moving {
+        for MovingAttribute { group, leaves, base, curves, coefficients } in &self.moving {
             let mut rows = base.clone();
             for (curve, coefficients) in curves.iter().zip(coefficients) {
                 rows.add(curve.at(frame), coefficients);
@@ -250,7 +250,7 @@ impl Motion {
 
     /// Highest SH degree that moves.
     pub(crate) fn sh_degree(&self) -> u8 {
-        let degree = |moving: &Moving| match moving.group.attribute {
+        let degree = |moving: &MovingAttribute| match moving.group.attribute {
             Attribute::Colour { degree } => degree,
             _ => 0,
         };

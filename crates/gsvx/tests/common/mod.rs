@@ -7,7 +7,7 @@ pub(crate) mod golden;
 pub(crate) use testing::{Rng, with_floaters, with_related_degrees};
 
 use gs_model::Scene;
-use gsvx::{CodeOptions, DEFAULT_QUALITY, EncodeOptions, Encoded, Octree, Steps};
+use gsvx::{CodeOptions, DEFAULT_QUALITY, EncodeOptions, EncodedStream, Octree, Steps};
 use voxel::{Merge, Strategy, Voxelization, cube_of, merge, voxelize};
 
 /// A small scene that looks like a trained one.
@@ -79,7 +79,7 @@ pub(crate) fn encoding(change: impl FnOnce(&mut CodeOptions)) -> EncodeOptions {
 }
 
 /// A stream of the default quality, with guessed importances.
-pub(crate) fn encode(scene: &Scene, options: &EncodeOptions) -> gsvx::Result<Encoded> {
+pub(crate) fn encode(scene: &Scene, options: &EncodeOptions) -> gsvx::Result<EncodedStream> {
     gsvx::encode(scene, None, DEFAULT_QUALITY, options)
 }
 
@@ -89,7 +89,7 @@ pub(crate) fn encode_voxels(
     octree: &Octree,
     outliers: Option<&Scene>,
     options: &EncodeOptions,
-) -> gsvx::Result<Encoded> {
+) -> gsvx::Result<EncodedStream> {
     gsvx::encode_voxels(scene, octree, outliers, None, &steps(DEFAULT_QUALITY), &options.code)
 }
 

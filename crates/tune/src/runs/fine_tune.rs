@@ -61,7 +61,7 @@ impl Default for FineTuneOptions {
 
 /// The result of a fine-tune.
 #[derive(Clone, Debug)]
-pub struct FineTuned {
+pub struct FineTuneOutcome {
     /// The scene with its new attributes; means and order as given.
     pub scene: Scene,
     /// Steps done in all, including those before a resumption.
@@ -136,12 +136,12 @@ impl FineTune {
     ///
     /// # Errors
     /// [`Error::Interrupted`]; [`Error::Finetune`] if a GPU that was asked for fails.
-    pub fn run(self, mut progress: impl FnMut(&Progress<'_>)) -> Result<FineTuned> {
+    pub fn run(self, mut progress: impl FnMut(&Progress<'_>)) -> Result<FineTuneOutcome> {
         let Self { mut trainer, mut work } = self;
         let reason = trainer.run(&mut work, &mut progress)?;
         trainer.keep(&work);
         progress(&trainer.progress(&work, work.run.psnr));
-        Ok(FineTuned {
+        Ok(FineTuneOutcome {
             scene: work.run.take_scene()?,
             steps: trainer.done,
             seconds: trainer.clock.seconds(),

@@ -1,7 +1,7 @@
 //! The base case: a cell at `j_high`, which has no children.
 
 use super::Pruning;
-use super::state::Solved;
+use super::state::Solution;
 use crate::descend::OccupiedCell;
 use crate::distortion::CellMoments;
 use crate::record::Record;
@@ -12,7 +12,7 @@ impl Pruning<'_> {
         &self,
         cell: &OccupiedCell<'_, Record>,
         depths: &mut [u8],
-    ) -> Solved {
+    ) -> Solution {
         let depth = self.options.j_high;
         let centre = self.centre(cell.codes[0], depth);
         let mut moments = CellMoments::default();
@@ -22,6 +22,6 @@ impl Pruning<'_> {
         depths.fill(depth);
         let leaf = self.leaf_cost(&moments, depth);
         let (cost, empty) = self.drop_if_cheaper(leaf, moments.importance, depths);
-        Solved { cost, empty, centre, moments }
+        Solution { cost, empty, centre, moments }
     }
 }

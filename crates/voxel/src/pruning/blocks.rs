@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use super::Pruning;
 use super::recurrence::Division;
-use super::state::Solved;
+use super::state::Solution;
 use crate::descend::OccupiedCell;
 use crate::record::Record;
 
@@ -23,14 +23,14 @@ impl Pruning<'_> {
         cell: OccupiedCell<'_, u32>,
         depth: u8,
         depths: &mut [u8],
-    ) -> Solved {
+    ) -> Solution {
         let OccupiedCell { codes, members } = cell;
         if members.len() <= BLOCK || depth == self.options.j_high {
             let records: Vec<Record> = members.iter().map(|&i| self.records.get(i)).collect();
             return self.solve(OccupiedCell { codes, members: &records }, depth, depths);
         }
         let children: Vec<_> = cell.children(depths, depth + 1, self.options.j_high).collect();
-        let solved: Vec<Solved> = children
+        let solved: Vec<Solution> = children
             .into_par_iter()
             .map(|(child, depths)| self.solve_in_blocks(child, depth + 1, depths))
             .collect();

@@ -1,7 +1,7 @@
 //! The recurrence: the best pruning of a cell from the best prunings of its children.
 
 use super::Pruning;
-use super::state::Solved;
+use super::state::Solution;
 use crate::descend::OccupiedCell;
 use crate::distortion::CellMoments;
 use crate::record::Record;
@@ -13,7 +13,7 @@ impl Pruning<'_> {
         cell: OccupiedCell<'_, Record>,
         depth: u8,
         depths: &mut [u8],
-    ) -> Solved {
+    ) -> Solution {
         if let [leaf] = depths {
             self.solve_single(&cell, depth, leaf)
         } else if depth == self.options.j_high {
@@ -29,7 +29,7 @@ impl Pruning<'_> {
         cell: OccupiedCell<'_, Record>,
         depth: u8,
         depths: &mut [u8],
-    ) -> Solved {
+    ) -> Solution {
         let mut division = Division::of_cell(self.centre(cell.codes[0], depth));
         for (child, depths) in cell.children(depths, depth + 1, self.options.j_high) {
             division.add(&self.solve(child, depth + 1, depths));
@@ -38,7 +38,7 @@ impl Pruning<'_> {
     }
 
     /// The least of a leaf, a division and a drop.
-    pub(super) fn choose(&self, division: Division, depth: u8, depths: &mut [u8]) -> Solved {
+    pub(super) fn choose(&self, division: Division, depth: u8, depths: &mut [u8]) -> Solution {
         let Division { centre, occupied, moments, .. } = division;
         let mut cost = division.cost + self.division_price(occupied, depth);
         let mut empty = occupied == 0;
@@ -51,7 +51,7 @@ impl Pruning<'_> {
             }
         }
         let (cost, dropped) = self.drop_if_cheaper(cost, moments.importance, depths);
-        Solved { cost, empty: empty || dropped, centre, moments }
+        Solution { cost, empty: empty || dropped, centre, moments }
     }
 }
 
@@ -73,7 +73,7 @@ impl Division {
         Self { centre, cost: 0.0, occupied: 0, moments: CellMoments::default() }
     }
 
-    pub(super) fn add(&mut self, child: &Solved) {
+    pub(super) fn add(&mut self, child: &Solution) {
         let shift = std::array::from_fn(|k| self.centre[k] - child.centre[k]);
         self.moments.add(&child.moments.moved(shift));
         self.cost += child.cost;

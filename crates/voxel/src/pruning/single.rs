@@ -1,7 +1,7 @@
 //! Fast path: a cell of one Gaussian, in closed form.
 
 use super::Pruning;
-use super::state::Solved;
+use super::state::Solution;
 use crate::descend::OccupiedCell;
 use crate::distortion::CellMoments;
 use crate::merge::Place;
@@ -21,7 +21,7 @@ impl Pruning<'_> {
         cell: &OccupiedCell<'_, Record>,
         depth: u8,
         leaf: &mut u8,
-    ) -> Solved {
+    ) -> Solution {
         let (code, record) = (cell.codes[0], &cell.members[0]);
         let (j_low, j_high) = (self.options.j_low, self.options.j_high);
         // A Gaussian that keeps its mean is displaced by nothing.
@@ -63,6 +63,6 @@ impl Pruning<'_> {
         *leaf = best;
         let (cost, empty) =
             self.drop_if_cheaper(cost, record.importance, std::slice::from_mut(leaf));
-        Solved { cost, empty, centre, moments }
+        Solution { cost, empty, centre, moments }
     }
 }

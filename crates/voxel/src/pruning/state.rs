@@ -4,7 +4,7 @@ use crate::distortion::CellMoments;
 
 /// The best pruning of a cell, and what its parent needs to know of it.
 #[derive(Clone, Copy)]
-pub(super) struct Solved {
+pub(super) struct Solution {
     /// Least distortion plus lambda times bits of everything in the cell.
     pub(super) cost: f64,
     /// The best pruning drops every Gaussian, so the octree does not occupy the cell.

@@ -2,7 +2,7 @@
 
 use gs_model::Scene;
 
-use super::state::Solved;
+use super::state::Solution;
 use super::{Pruning, blocks};
 use crate::cube::cube_of;
 use crate::descend::OccupiedCell;
@@ -47,7 +47,7 @@ fn all_options() -> Vec<RateDistortion> {
 }
 
 /// Up to rounding. `scale` is the squared displacement across the cube, times the weight.
-fn assert_close(a: &Solved, b: &Solved, scale: f64) {
+fn assert_close(a: &Solution, b: &Solution, scale: f64) {
     let close = |a: f64, b: f64| (a - b).abs() <= 1e-12 * b.abs() + 1e-14 * scale;
     assert!(close(a.cost, b.cost), "{} is not {}", a.cost, b.cost);
     assert!(close(a.moments.displacement(), b.moments.displacement()));

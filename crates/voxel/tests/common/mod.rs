@@ -3,7 +3,7 @@
 
 use gs_model::Scene;
 use testing::Rng;
-use voxel::{CostModel, Cube, Importance, RateDistortion, Released, Strategy, cube_of};
+use voxel::{CostModel, Cube, Importance, RateDistortion, ReleasedRule, Strategy, cube_of};
 
 /// Clusters of Gaussians of mixed sizes, SH degree 1.
 pub(crate) fn clustered(len: usize, seed: u64) -> Scene {
@@ -44,7 +44,10 @@ pub(crate) fn strategies(len: usize, j_low: u8, j_high: u8) -> Vec<Strategy> {
             drop: Some(0.5),
             ..rd
         }),
-        Strategy::Released(Released { max_depth: j_high.min(19), ..Released::new(j_low.min(19)) }),
+        Strategy::Released(ReleasedRule {
+            max_depth: j_high.min(19),
+            ..ReleasedRule::new(j_low.min(19))
+        }),
     ]
 }
 

@@ -14,7 +14,7 @@ use crate::measure;
 use crate::process::GsvxCommand;
 use crate::record::Record;
 use crate::scenes::TestScene;
-use crate::study::{Encoded, Study};
+use crate::study::{StreamRecord, Study};
 
 /// How the command makes a stream: a name for tables and files, and the words but for quality and paths.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -78,7 +78,7 @@ impl<'a> Streams<'a> {
             ensure!(*told == bytes.len(), "gsvx says {told} bytes, the file has {}", bytes.len());
             let parts = said["parts"].as_object().into_iter().flatten();
             let parts = parts.filter_map(|(part, n)| Some((part.clone(), n.as_u64()?))).collect();
-            Ok(Encoded { bytes, parts, usage: output.usage })
+            Ok(StreamRecord { bytes, parts, usage: output.usage })
         };
         let decode = |bytes: &[u8]| Ok(gsvx::decode(bytes)?);
         let record = study.point(cache, &name, "gsvx", &how.words, encode, decode)?;

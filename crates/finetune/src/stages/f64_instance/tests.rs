@@ -14,7 +14,7 @@ fn three(p: &[f64]) -> [f64; 3] {
     [p[0], p[1], p[2]]
 }
 
-fn draw(lens: &Lens, p: &[f64], antialiased: bool) -> Drawn {
+fn draw(lens: &Lens, p: &[f64], antialiased: bool) -> ViewGaussian {
     let gaussian = Gaussian {
         mean: three(p),
         rotation: [p[3], p[4], p[5], p[6]],
@@ -22,13 +22,14 @@ fn draw(lens: &Lens, p: &[f64], antialiased: bool) -> Drawn {
         opacity_logit: p[10],
         sh: p[11..].as_chunks::<3>().0.to_vec(),
     };
-    Drawn::new(lens, &gaussian, antialiased).unwrap()
+    ViewGaussian::new(lens, &gaussian, antialiased).unwrap()
 }
 
 /// The loss, a quadratic of the image, and its gradient with respect to all parameters.
 fn evaluate(lens: &Lens, p: &[f64], antialiased: bool) -> (f64, Vec<f64>) {
     // Sorted by depth already.
-    let drawn: Vec<Drawn> = p.chunks_exact(STRIDE).map(|p| draw(lens, p, antialiased)).collect();
+    let drawn: Vec<ViewGaussian> =
+        p.chunks_exact(STRIDE).map(|p| draw(lens, p, antialiased)).collect();
     let (size, background) = (SIZE, BACKGROUND);
     let picture = Picture { lens, size, background, antialiased, ends: false, drawn: &drawn };
     let of = picture.evaluate(|at, seen| {

@@ -1,4 +1,4 @@
-//! [`Compressed`]: files whose Gaussians another crate has compressed.
+//! [`CompressedGltf`]: files whose Gaussians another crate has compressed.
 
 use std::io::Write;
 use std::path::Path;
@@ -17,7 +17,7 @@ use crate::scene::sh_len;
 /// The file has one primitive. Its accessors say how many Gaussians there are and which attributes; they have no
 /// data. So the file requires both extensions.
 #[derive(Clone, Copy, Debug)]
-pub struct Compressed<'a> {
+pub struct CompressedGltf<'a> {
     /// Name of the extension that compresses.
     pub extension: &'a str,
     /// What its `bufferView` holds.
@@ -30,7 +30,7 @@ pub struct Compressed<'a> {
     pub bounds: [[f32; 3]; 2],
 }
 
-impl Compressed<'_> {
+impl CompressedGltf<'_> {
     /// Writes the file; `name` is the file in errors.
     ///
     /// # Errors

@@ -18,7 +18,7 @@
 //! in the file, in `data:` URIs, or in files beside it, but nowhere else.
 //!
 //! A primitive may be compressed by an extension of the extension. SPZ (`KHR_gaussian_splatting_compression_spz_2`) is
-//! read; for others the reader needs a [`crate::Codec`]. [`Compressed`] writes one.
+//! read; for others the reader needs a [`crate::Codec`]. [`CompressedGltf`] writes one.
 //!
 //! Not read: primitives that something else compresses, colours in linear light, other kernels and projections. Each
 //! is an error that says so.
@@ -35,7 +35,7 @@ mod read;
 mod spz;
 mod write;
 
-pub use compressed::Compressed;
+pub use compressed::CompressedGltf;
 pub use spz::write_spz;
 
 use std::path::Path;

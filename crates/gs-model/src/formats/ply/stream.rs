@@ -10,7 +10,7 @@ use super::columns::Columns;
 use super::header::{self, Encoding, PlyHeader};
 use super::{antialiased, report_of};
 use crate::error::{Error, Result};
-use crate::report::{Cleaned, ReadOptions, Report};
+use crate::report::{CleaningReport, ReadOptions, Report};
 use crate::rows;
 use crate::scene::Scene;
 
@@ -43,7 +43,7 @@ pub(super) fn read(path: &Path) -> Result<Option<(Scene, Report)>> {
 pub struct Parts {
     body: Body,
     options: ReadOptions,
-    cleaned: Cleaned,
+    cleaned: CleaningReport,
 }
 
 impl Parts {
@@ -54,7 +54,7 @@ impl Parts {
     /// [`Error::Io`]; those of the columns.
     pub fn open(path: impl AsRef<Path>, options: &ReadOptions) -> Result<Option<Self>> {
         let body = Body::open(path.as_ref())?;
-        Ok(body.map(|body| Self { body, options: *options, cleaned: Cleaned::default() }))
+        Ok(body.map(|body| Self { body, options: *options, cleaned: CleaningReport::default() }))
     }
 
     /// Gaussians in the file.

@@ -81,7 +81,7 @@ struct Meta1 {
 
 /// A part of version 2: bytes are indices of a codebook.
 #[derive(Deserialize)]
-struct Indexed {
+struct CodebookImage {
     codebook: Codebook,
     files: [String; 1],
 }
@@ -98,9 +98,9 @@ struct Palette2 {
 struct Meta2 {
     count: usize,
     means: Steps<[f64; 3], [String; 2]>,
-    scales: Indexed,
+    scales: CodebookImage,
     quats: Files,
-    sh0: Indexed,
+    sh0: CodebookImage,
     #[serde(rename = "shN")]
     sh_n: Option<Palette2>,
     #[serde(flatten)]

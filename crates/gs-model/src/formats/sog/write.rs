@@ -34,9 +34,9 @@ struct Meta {
     #[serde(skip_serializing_if = "Option::is_none")]
     model: Option<&'static str>,
     means: Means,
-    scales: Indexed,
+    scales: CodebookImage,
     quats: Rotations,
-    sh0: Indexed,
+    sh0: CodebookImage,
     #[serde(rename = "shN", skip_serializing_if = "Option::is_none")]
     sh_n: Option<HigherSh>,
 }
@@ -54,7 +54,7 @@ struct Means {
 }
 
 #[derive(Serialize)]
-struct Indexed {
+struct CodebookImage {
     codebook: Vec<f32>,
     files: [&'static str; 1],
 }
@@ -163,9 +163,9 @@ fn ordered(file: &Path, scene: &Scene, order: &[usize], precision: &Precision) -
         count: scene.len(),
         model: scene.antialiased.then_some("antialiased"),
         means: Means { mins: bounds[0], maxs: bounds[1], files: ["means_l.webp", "means_u.webp"] },
-        scales: Indexed { codebook: scales.padded(), files: ["scales.webp"] },
+        scales: CodebookImage { codebook: scales.padded(), files: ["scales.webp"] },
         quats: Rotations { files: ["quats.webp"] },
-        sh0: Indexed { codebook: colours.padded(), files: ["sh0.webp"] },
+        sh0: CodebookImage { codebook: colours.padded(), files: ["sh0.webp"] },
         sh_n,
     };
     let json = serde_json::to_string(&meta).map_err(|e| Error::json(file, META, &e))?;

@@ -71,13 +71,13 @@ pub(crate) fn read(file: &Path, bytes: &[u8], options: &ReadOptions) -> Result<(
     let unpacked = if bytes.starts_with(MAGIC) {
         // From version 4 the header is not compressed.
         let (layout, count, streams, records) = streams::parse(file, bytes)?;
-        Unpacked { version: 4, flags: bytes[14], layout, count, streams, records }
+        SpzContent { version: 4, flags: bytes[14], layout, count, streams, records }
     } else if bytes.starts_with(b"\x1f\x8b") {
         unzipped(file, bytes)?
     } else {
         return Err(Error::other_format(file, "an SPZ file", bytes));
     };
-    let Unpacked { version, flags, layout, count, streams, records } = unpacked;
+    let SpzContent { version, flags, layout, count, streams, records } = unpacked;
     let keeps = options.axes == FileAxes::Keep;
     let others = records.axes.filter(|axes| !keeps && !axes.is_usual());
     let others = others.map(|axes| axes.to_ply(file)).transpose()?;
@@ -99,7 +99,7 @@ pub(crate) fn read(file: &Path, bytes: &[u8], options: &ReadOptions) -> Result<(
 }
 
 /// What a file holds, decompressed.
-struct Unpacked {
+struct SpzContent {
     version: u32,
     flags: u8,
     layout: SpzLayout,
@@ -111,7 +111,7 @@ struct Unpacked {
 }
 
 /// Versions 2 and 3: one gzip stream.
-fn unzipped(file: &Path, bytes: &[u8]) -> Result<Unpacked> {
+fn unzipped(file: &Path, bytes: &[u8]) -> Result<SpzContent> {
     let mut unzip = GzDecoder::new(bytes);
     let mut inflate = |data: &mut Vec<u8>, len: u64| {
         let outcome = unzip.by_ref().take(len).read_to_end(data);
@@ -148,7 +148,7 @@ fn unzipped(file: &Path, bytes: &[u8]) -> Result<Unpacked> {
     let mut rest = Vec::new();
     inflate(&mut rest, MOST_RECORD_BYTES)?;
     let records = Records::of(file, flags, &rest)?;
-    Ok(Unpacked { version, flags, layout, count: promised as usize, streams, records })
+    Ok(SpzContent { version, flags, layout, count: promised as usize, streams, records })
 }
 
 /// The decompressors' own messages name their internal types.

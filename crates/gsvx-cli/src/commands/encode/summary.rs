@@ -4,7 +4,7 @@ use crate::commands::info::parts;
 use crate::content::transparent;
 use crate::max_error;
 use crate::output::counted;
-use gsvx::{EncoderOutput, Measure, Missed, Preset};
+use gsvx::{EncoderOutput, Measure, MissedAim, Preset};
 use serde_json::{Value, json};
 use std::path::Path;
 use tune::{EncodeOutcome, VisibilityCount};
@@ -44,7 +44,7 @@ fn aimed(output: &EncoderOutput, most_bytes: Option<u64>, preset: Option<Preset>
         return bounds.unwrap_or_else(|| "every float bit for bit".into());
     };
     let reached = match (output.missed, output.measured) {
-        (Some(Missed::Bytes { .. }), _) => "above the target".into(),
+        (Some(MissedAim::Bytes { .. }), _) => "above the target".into(),
         (_, Some((measure, value))) => format!("{} from the input's renders", measure.words(value)),
         (None, None) if output.encodes > 1 || most_bytes.is_some() => {
             let most = most_bytes.unwrap_or_default().max(1);

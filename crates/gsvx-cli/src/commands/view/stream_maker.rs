@@ -48,17 +48,17 @@ pub(super) struct StreamMaker {
     loss_views: OnceLock<LossViews>,
     /// How many streams were asked for.
     asked: AtomicU64,
-    last: Mutex<Option<(Wanted, Arc<EncodeOutcome>)>>,
+    last: Mutex<Option<(StreamRequest, Arc<EncodeOutcome>)>>,
 }
 
 /// Which stream is asked for.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Wanted {
+struct StreamRequest {
     quality: f32,
     by_cameras: bool,
 }
 
-impl Wanted {
+impl StreamRequest {
     fn of(query: &str) -> Result<Self, String> {
         let value = |name: &str| {
             query.split('&').find_map(|part| part.strip_prefix(name)?.strip_prefix('='))
@@ -109,7 +109,7 @@ impl StreamMaker {
             "/save" => Self::save,
             _ => return Answer::refused(404, "not here"),
         };
-        match Wanted::of(query) {
+        match StreamRequest::of(query) {
             Err(why) => Answer::refused(400, &format!("quality: {why}")),
             Ok(wanted) => answer(self, wanted)
                 .unwrap_or_else(|error| Answer::refused(409, &exit::line(&error))),
@@ -117,7 +117,7 @@ impl StreamMaker {
     }
 
     /// The bytes of a stream.
-    fn encode(&self, wanted: Wanted) -> Result<Answer> {
+    fn encode(&self, wanted: StreamRequest) -> Result<Answer> {
         let number = self.asked.fetch_add(1, Ordering::Relaxed) + 1;
         let mut last = self.last();
         let made = match last.take().filter(|last| last.0 == wanted) {
@@ -137,7 +137,7 @@ impl StreamMaker {
     }
 
     /// How much less the last stream shows than the model, and where.
-    fn estimate(&self, wanted: Wanted) -> Result<Answer> {
+    fn estimate(&self, wanted: StreamRequest) -> Result<Answer> {
         let number = self.asked.load(Ordering::Relaxed);
         let made = self.made(wanted)?;
         let views = || LossViews::new(self.input.scene(), self.cameras.as_deref());
@@ -159,7 +159,7 @@ impl StreamMaker {
     }
 
     /// Writes the last stream, and says what makes it again.
-    fn save(&self, wanted: Wanted) -> Result<Answer> {
+    fn save(&self, wanted: StreamRequest) -> Result<Answer> {
         let made = self.made(wanted)?;
         let path = self.args.output.clone().unwrap_or_else(|| {
             let stem = self.model.file_stem().unwrap_or_default().to_string_lossy();
@@ -175,7 +175,7 @@ impl StreamMaker {
     }
 
     /// The command that makes a stream.
-    fn command(&self, wanted: Wanted, path: &Path) -> String {
+    fn command(&self, wanted: StreamRequest, path: &Path) -> String {
         let [model, path] = [self.model.as_path(), path].map(Path::to_string_lossy);
         let quality = wanted.quality.to_string();
         let mut words = vec!["gsvx", "encode", &model, "-o", &path, "-q", &quality];
@@ -187,12 +187,12 @@ impl StreamMaker {
     }
 
     /// The last stream, if it is this one.
-    fn made(&self, wanted: Wanted) -> Result<Arc<EncodeOutcome>> {
+    fn made(&self, wanted: StreamRequest) -> Result<Arc<EncodeOutcome>> {
         let last = self.last().clone().filter(|last| last.0 == wanted);
         Ok(last.context(SUPERSEDED)?.1)
     }
 
-    fn last(&self) -> MutexGuard<'_, Option<(Wanted, Arc<EncodeOutcome>)>> {
+    fn last(&self) -> MutexGuard<'_, Option<(StreamRequest, Arc<EncodeOutcome>)>> {
         self.last.lock().unwrap_or_else(PoisonError::into_inner)
     }
 

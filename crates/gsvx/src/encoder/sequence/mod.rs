@@ -6,7 +6,7 @@ mod motion;
 mod reference;
 mod tracks;
 
-use super::encode::Coding;
+use super::encode::CodingChoice;
 use super::options::{DEFAULT_QUALITY, EncodeOptions};
 use super::prepare::{Inside, encode_tiled, inside};
 use crate::bytes::Writer;
@@ -16,7 +16,7 @@ use crate::error::{Error, Result};
 use crate::head::{SEQUENCE_VERSION, Steps, closed};
 use crate::sequence::MOST_FRAMES;
 use gs_model::Scene;
-use motion::Moved;
+use motion::MovedLeaves;
 use tracks::Tracks;
 use voxel::{Merge, Merging, Place};
 
@@ -191,7 +191,7 @@ fn encode_group(tracks: Tracks, options: &SequenceOptions) -> Result<EncodedGrou
         (leaves.voxels, leaves.shared) = (leaves.voxels.split(&scene.means, apart)?, None);
     }
     let (encoded, voxels, weights) =
-        encode_tiled(&scene, leaves, outliers.as_ref(), Coding::new(&steps, &encode.code))?;
+        encode_tiled(&scene, leaves, outliers.as_ref(), CodingChoice::new(&steps, &encode.code))?;
     let mut motion = Writer::default();
     if count > 1 {
         let merged = |scene: &Scene| -> Result<Scene> {
@@ -200,11 +200,11 @@ fn encode_group(tracks: Tracks, options: &SequenceOptions) -> Result<EncodedGrou
         };
         let first = |leaf: usize| rows[voxels.members_of(leaf)[0] as usize];
         let there = (0..if alive.is_empty() { 0 } else { voxels.len() }).flat_map(|i| of(first(i)));
-        let moved = Moved {
+        let moved = MovedLeaves {
             reference: merged(&scene)?,
             alive: there.copied().collect(),
             frames: frames.iter().map(|f| merged(&f.select(&rows))).collect::<Result<_>>()?,
-            steps: Moved::steps(&steps, libm::exp(log_size) as f32),
+            steps: MovedLeaves::steps(&steps, libm::exp(log_size) as f32),
         };
         drop(frames);
         let all = DecodeOptions { max_gaussians: Some(u64::MAX), ..DecodeOptions::default() };

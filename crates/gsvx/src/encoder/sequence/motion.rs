@@ -19,7 +19,7 @@ const LEAST: f64 = 0.5;
 const POSITION: f32 = 0.25;
 
 /// The Gaussians of the leaves of a group of frames.
-pub(super) struct Moved {
+pub(super) struct MovedLeaves {
     /// As the static stream has them, but for its quantisation.
     pub(super) reference: Scene,
     pub(super) frames: Vec<Scene>,
@@ -29,7 +29,7 @@ pub(super) struct Moved {
     pub(super) steps: [f32; MOVING.len()],
 }
 
-impl Moved {
+impl MovedLeaves {
     /// The steps of all groups, for Gaussians of a typical size.
     pub(super) fn steps(steps: &Steps, size: f32) -> [f32; MOVING.len()] {
         let mut all = MOVING.map(|group| group.step(steps));

@@ -90,7 +90,7 @@ impl Default for TrainOptions {
 
 /// The result of a training.
 #[derive(Clone, Debug)]
-pub struct Trained {
+pub struct TrainOutcome {
     /// The model.
     pub scene: Scene,
     /// Steps done in all.
@@ -104,7 +104,7 @@ pub struct Trained {
 /// A training on the processor. The result is a function of points, views and options alone.
 pub struct Train {
     trainer: Trainer,
-    work: Training,
+    work: TrainRun,
 }
 
 impl std::fmt::Debug for Train {
@@ -154,7 +154,7 @@ impl Train {
         let extent = extent(&trainer.views.cameras);
         // Cameras at one place do not tell how large the scene is.
         let extent = if extent > 0.0 { extent } else { 1.0 };
-        let mut work = Training::new(scene, fine, extent, options);
+        let mut work = TrainRun::new(scene, fine, extent, options);
         trainer.resume(&mut work)?;
         Ok(Self { trainer, work })
     }
@@ -170,18 +170,18 @@ impl Train {
     ///
     /// # Errors
     /// Those of [`Error`].
-    pub fn run(self, mut progress: impl FnMut(&Progress<'_>)) -> Result<Trained> {
+    pub fn run(self, mut progress: impl FnMut(&Progress<'_>)) -> Result<TrainOutcome> {
         let Self { mut trainer, mut work } = self;
         let reason = trainer.run(&mut work, &mut progress)?;
         trainer.keep(&work);
         let (steps, seconds) = (trainer.done, trainer.clock.seconds());
         work.prepare();
-        Ok(Trained { scene: work.run.optimiser.take_scene(), steps, seconds, reason })
+        Ok(TrainOutcome { scene: work.run.optimiser.take_scene(), steps, seconds, reason })
     }
 }
 
 /// The scene that is trained.
-struct Training {
+struct TrainRun {
     options: TrainOptions,
     run: SceneLoop,
     /// Large photos in windows.
@@ -193,7 +193,7 @@ struct Training {
     passes: Epochs,
 }
 
-impl Training {
+impl TrainRun {
     fn new(scene: Scene, fine: Option<ViewGradients>, extent: f32, options: TrainOptions) -> Self {
         let points = scene.len();
         let run = SceneLoop::new(scene, 0.0, options.steps);
@@ -239,7 +239,7 @@ impl Training {
     }
 }
 
-impl Work for Training {
+impl Work for TrainRun {
     fn steps(&self) -> u64 {
         self.options.steps
     }
