@@ -8,9 +8,10 @@ use std::hint::black_box;
 use criterion::{Criterion, criterion_group, criterion_main};
 use gpcc_lite::attribute::{self, Quantisation};
 use gpcc_lite::coder::{RansDecoder, RansEncoder};
-use gpcc_lite::predict::{Neighbours, decode_lossless, encode_lossless};
+use gpcc_lite::paper::predict::{Neighbours, decode_lossless, encode_lossless};
+use gpcc_lite::paper::rlgr;
 use gpcc_lite::raht::{RahtPlan, Rows, forward, inverse};
-use gpcc_lite::{Leaf, Limits, Octree, geometry, morton, rlgr};
+use gpcc_lite::{Leaf, Limits, Octree, geometry, morton};
 
 const J: u8 = 15;
 

@@ -8,9 +8,8 @@
 //! * [`geometry`]: leaves of a pruned octree, each with a depth of its own, lossless.
 //! * [`raht`]: the region-adaptive hierarchical transform, one list of merges for all channels.
 //! * [`attribute`]: RAHT, quantisation and entropy coding of a group of channels in one call.
-//! * [`predict`]: lossless integers by prediction from the nearest coded neighbours.
 //! * [`coder`], [`model`], [`mix`]: the entropy coder and its models.
-//! * [`rlgr`]: adaptive run-length and Golomb-Rice coding, the entropy coder of the paper.
+//! * [`paper`]: what only the paper's codec and measuring use.
 //!
 //! Encoders and decoders give the same bytes and values on every machine. Decoders may be given
 //! hostile input: they return an error or a wrong result and never panic, and their memory is
@@ -51,9 +50,8 @@ pub mod mix;
 pub mod model;
 pub mod morton;
 mod octree;
-pub mod predict;
+pub mod paper;
 pub mod raht;
-pub mod rlgr;
 mod symbols;
 
 pub use bytes::{put_varint, varint};

@@ -5,9 +5,10 @@ mod common;
 use common::{any_weights, channel, octree_from, rows_of};
 use gpcc_lite::attribute::{self, Quantisation};
 use gpcc_lite::coder::RansEncoder;
-use gpcc_lite::predict::{Neighbours, encode_lossless};
+use gpcc_lite::paper::predict::{Neighbours, encode_lossless};
+use gpcc_lite::paper::rlgr;
 use gpcc_lite::raht::RahtPlan;
-use gpcc_lite::{Leaf, Octree, geometry, rlgr};
+use gpcc_lite::{Leaf, Octree, geometry};
 
 fn hash(bytes: impl IntoIterator<Item = u8>) -> u64 {
     bytes

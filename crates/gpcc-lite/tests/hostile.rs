@@ -5,9 +5,10 @@ mod common;
 use common::{channel, rows_of};
 use gpcc_lite::attribute::{self, Quantisation};
 use gpcc_lite::coder::{Coder, RansDecoder, RansEncoder};
-use gpcc_lite::predict::{Neighbours, decode_lossless, encode_lossless};
+use gpcc_lite::paper::predict::{Neighbours, decode_lossless, encode_lossless};
+use gpcc_lite::paper::rlgr;
 use gpcc_lite::raht::{RahtPlan, Rows};
-use gpcc_lite::{Cube, Error, Leaf, Limits, Octree, geometry, rlgr};
+use gpcc_lite::{Cube, Error, Leaf, Limits, Octree, geometry};
 use proptest::prelude::*;
 
 /// Any cube: leaves do not depend on it.

@@ -5,9 +5,10 @@ mod common;
 use common::{any_octree, any_weights, channel, power_of_two, rows_of, shapes};
 use gpcc_lite::attribute::{self, Quantisation};
 use gpcc_lite::coder::{RansDecoder, RansEncoder};
-use gpcc_lite::predict::{Neighbours, decode_lossless, encode_lossless};
+use gpcc_lite::paper::predict::{Neighbours, decode_lossless, encode_lossless};
+use gpcc_lite::paper::rlgr;
 use gpcc_lite::raht::{RahtPlan, Rows};
-use gpcc_lite::{Leaf, Limits, Octree, geometry, rlgr};
+use gpcc_lite::{Leaf, Limits, Octree, geometry};
 use proptest::prelude::*;
 
 /// Codes the rows, decodes them, and checks that the decoder returns what the encoder says, bit for

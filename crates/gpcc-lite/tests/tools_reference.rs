@@ -3,8 +3,9 @@
 mod common;
 
 use common::any_octree;
-use gpcc_lite::predict::{MAX_NEIGHBOURS, Neighbours};
-use gpcc_lite::{morton, rlgr};
+use gpcc_lite::morton;
+use gpcc_lite::paper::predict::{MAX_NEIGHBOURS, Neighbours};
+use gpcc_lite::paper::rlgr;
 use proptest::prelude::*;
 
 /// RLGR on a list of bits, one step at a time.

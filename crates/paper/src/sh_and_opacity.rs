@@ -4,8 +4,8 @@
 //! quantized and [...] entropy coded using the run-length Golomb-Rice (RLGR) algorithm". The opacity is
 //! coded as its logit, as in the authors' code.
 
+use gpcc_lite::paper::rlgr;
 use gpcc_lite::raht::RahtPlan;
-use gpcc_lite::rlgr;
 use gs_model::{Scene, sh_len};
 use rayon::prelude::*;
 

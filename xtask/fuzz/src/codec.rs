@@ -4,10 +4,11 @@ use std::sync::OnceLock;
 
 use gpcc_lite::coder::{Coder, RansDecoder, RansEncoder};
 use gpcc_lite::model::{Bit, Symbols};
-use gpcc_lite::predict::{Neighbours, decode_lossless};
+use gpcc_lite::paper::predict::{Neighbours, decode_lossless};
 use gpcc_lite::raht::{RahtPlan, Rows};
 use gpcc_lite::{Leaf, Limits, Octree, attribute as rows, geometry as octree};
-use gpcc_lite::{morton, rlgr as golomb};
+use gpcc_lite::morton;
+use gpcc_lite::paper::rlgr as golomb;
 
 use crate::{choice, number};
 

@@ -1,9 +1,10 @@
 //! Small valid inputs of every target, made by the encoders and writers themselves.
 
 use gpcc_lite::coder::RansEncoder;
-use gpcc_lite::predict::{Neighbours, encode_lossless};
+use gpcc_lite::paper::predict::{Neighbours, encode_lossless};
 use gpcc_lite::raht::Rows;
-use gpcc_lite::{Octree, attribute, geometry, rlgr};
+use gpcc_lite::{Octree, attribute, geometry};
+use gpcc_lite::paper::rlgr;
 use gs_model::ply;
 use gsvx::EncodeOptions;
 use std::num::NonZeroUsize;

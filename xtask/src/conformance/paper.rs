@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 
 use anyhow::{Result, ensure};
-use gpcc_lite::predict::{Neighbours, decode_lossless, encode_lossless};
-use gpcc_lite::rlgr;
+use gpcc_lite::paper::predict::{Neighbours, decode_lossless, encode_lossless};
+use gpcc_lite::paper::rlgr;
 use gs_model::Scene;
 use gs_model::math::{axes_product, rotation};
 use voxel::w2::{self, Gaussian};

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, ensure};
 use gpcc_lite::attribute::{self, Quantisation};
 use gpcc_lite::coder::{RansDecoder, RansEncoder};
-use gpcc_lite::predict::{self, Neighbours};
+use gpcc_lite::paper::predict::{self, Neighbours};
 use gpcc_lite::raht::{RahtPlan, Rows};
 use gpcc_lite::{Leaf, Limits, Octree, geometry, morton};
 use serde::Deserialize;

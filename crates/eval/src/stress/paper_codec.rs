@@ -1,7 +1,7 @@
 //! The paper's codec with its codebook, RAHT and RLGR, and W2 barycenters, against their definitions in double precision.
 
 use anyhow::{Result, anyhow, ensure};
-use gpcc_lite::rlgr;
+use gpcc_lite::paper::rlgr;
 use gs_model::Scene;
 use gs_model::math::{Symmetric, axes_product, eigen_of, rotation};
 use nalgebra::Matrix3;

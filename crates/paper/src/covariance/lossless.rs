@@ -2,7 +2,7 @@
 //! they were point cloud intensities". What is lossless are integers of 16 bits, as in the authors' code.
 
 use gpcc_lite::Octree;
-use gpcc_lite::predict::{Neighbours, decode_lossless, encode_lossless};
+use gpcc_lite::paper::predict::{Neighbours, decode_lossless, encode_lossless};
 use gs_model::Scene;
 
 use super::DecodedCovariances;

@@ -3,8 +3,8 @@
 
 use gpcc_lite::coder::{Coder, RansDecoder, RansEncoder};
 use gpcc_lite::model::Bit;
+use gpcc_lite::paper::rlgr;
 use gpcc_lite::raht::RahtPlan;
-use gpcc_lite::rlgr;
 use gs_model::Scene;
 use vq::{Codebook, default_sensitivity};
 
