@@ -8,7 +8,7 @@ use gs_model::Scene;
 
 use crate::measure::Score;
 use crate::record::Run;
-use crate::report::{self, CropView, Shown};
+use crate::report::{self, CropView, LabelledImage};
 use crate::study::Study;
 
 /// Views of which there are pictures.
@@ -31,7 +31,8 @@ pub(super) fn draw(run: &Run, study: &Study) -> Result<Vec<CropView>> {
     let views = held_out.map(|(v, held_out)| {
         let draw = |scene: &Scene| render(scene, &held_out.camera, &RenderOptions::default());
         let db = |s: &Score| s.views.get(v).map_or(f64::NAN, |x| x.psnr_db);
-        let shown = |image, label: &str, caption| Shown { image, label: label.into(), caption };
+        let shown =
+            |image, label: &str, caption| LabelledImage { image, label: label.into(), caption };
         let says = "The photo, held out from training.".to_owned();
         let photo = shown(held_out.photo.image(), "photo", says);
         let original = &run.original;
