@@ -11,21 +11,18 @@ pub(super) struct Precision {
     pub(super) byte_steps: f64,
     /// The least step of positions, in sizes of a small Gaussian.
     pub(super) spacing: f64,
-    /// The palette fits Gaussians by their opacity times their area, not all alike.
-    pub(super) weighted: bool,
 }
 
 // The numbers for chunks are about those at which each kind adds as much to the error of pictures of la_fontaine.
 impl Precision {
     pub(super) const FULL: Self =
-        Self { steps: [None; 3], share: 1, byte_steps: 255.0, spacing: 0.0, weighted: false };
+        Self { steps: [None; 3], share: 1, byte_steps: 255.0, spacing: 0.0 };
     /// Of a chunk of the finest level.
     pub(super) const FINEST: Self = Self {
-        steps: [Some(0.08), Some(0.1), Some(0.015)],
+        steps: [Some(0.12), Some(0.05), Some(0.015)],
         share: 4,
-        byte_steps: 96.0,
+        byte_steps: 64.0,
         spacing: 0.25,
-        weighted: true,
     };
     /// Of a chunk of a coarser level, which streams code with fewer bits too.
     pub(super) const COARSER: Self = Self {
@@ -33,6 +30,5 @@ impl Precision {
         share: 8,
         byte_steps: 14.0,
         spacing: 0.25,
-        weighted: true,
     };
 }
