@@ -170,13 +170,13 @@ fn a_sog_comes_back_within_its_steps() {
         assert_eq!((&report.form[..], report.notes), ("SOG, version 2", vec![]));
         // Rotations are a byte for each component. The largest errors of scales and colours are those of single far
         // ones; of SH coefficients 2048 sets stand for 3667.
-        let bounds = [2e-4, 4e-5, 0.05, 2e-3, 0.01, 0.12 * f32::from(degree)];
+        let bounds = [2e-4, 4e-5, 0.05, 2e-3, 0.01, 0.16 * f32::from(degree)];
         assert_within(&format!("degree {degree}"), &scene, &back, bounds);
         let square = |(a, b): (&[f32; 3], &[f32; 3])| {
             (0..3).map(|k| (a[k] - b[k]) * (a[k] - b[k])).sum::<f32>()
         };
         let error: f32 = scene.sh.iter().zip(&back.sh).map(square).sum();
-        assert!((error / (3 * scene.sh.len()) as f32).sqrt() < 0.012, "degree {degree}: {error}");
+        assert!((error / (3 * scene.sh.len()) as f32).sqrt() < 0.014, "degree {degree}: {error}");
     }
 }
 

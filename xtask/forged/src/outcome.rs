@@ -1,7 +1,7 @@
 //! What a decoder makes of a stream, in all ways that there are.
 
 use gs_model::Scene;
-use gsvx::{DecodeOptions, Decoded, Error, Reader, decode_leaves, decode_with};
+use gsvx::{DecodeOptions, DecodeOutcome, Error, Reader, decode_leaves, decode_with};
 
 /// Chunks that a reader is asked for.
 const CHUNKS: usize = 8;
@@ -32,7 +32,7 @@ impl Digest {
         self.bytes(gs_model::chain(error).as_bytes());
     }
 
-    fn decoded(&mut self, decoded: &Result<Decoded, Error>) {
+    fn decoded(&mut self, decoded: &Result<DecodeOutcome, Error>) {
         match decoded {
             Ok(decoded) => {
                 self.scene(&decoded.scene);

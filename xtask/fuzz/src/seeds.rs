@@ -157,7 +157,7 @@ fn written(format: &str, n: usize, degree: u8) -> Vec<u8> {
 fn stream_in_glb() -> Vec<u8> {
     let (_, data) = &streams()[2];
     let header = gsvx::Index::parse(data).expect("parsed").header;
-    let file = gs_model::gltf::Compressed {
+    let file = gs_model::gltf::CompressedGltf {
         extension: gsvx::gltf::CODEC.extension,
         data,
         count: header.count as usize,
