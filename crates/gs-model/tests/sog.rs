@@ -169,15 +169,41 @@ fn a_sog_comes_back_within_its_steps() {
         let (back, report) = read("a.sog", &written("sog", &scene)).unwrap();
         assert_eq!((&report.form[..], report.notes), ("SOG, version 2", vec![]));
         // Rotations are a byte for each component. The largest errors of scales and colours are those of single far
-        // ones; of SH coefficients 2048 sets stand for 3667.
-        let bounds = [2e-4, 4e-5, 0.05, 2e-3, 0.01, 0.16 * f32::from(degree)];
-        assert_within(&format!("degree {degree}"), &scene, &back, bounds);
-        let square = |(a, b): (&[f32; 3], &[f32; 3])| {
-            (0..3).map(|k| (a[k] - b[k]) * (a[k] - b[k])).sum::<f32>()
-        };
-        let error: f32 = scene.sh.iter().zip(&back.sh).map(square).sum();
-        assert!((error / (3 * scene.sh.len()) as f32).sqrt() < 0.014, "degree {degree}: {error}");
+        // ones; of SH coefficients 2048 sets stand for 3667, and fit best what shows most.
+        let bounds = |sh: f32| [2e-4, 4e-5, 0.05, 2e-3, 0.01, sh * f32::from(degree)];
+        let what = format!("degree {degree}");
+        assert_within(&what, &scene, &back, bounds(0.16));
+        let half = shown_half(&scene);
+        assert_within(&what, &scene.select(&half), &back.select(&half), bounds(0.024));
+        let error = shown_sh_error(&scene, &back);
+        assert!(error < 0.006, "degree {degree}: {error}");
     }
+}
+
+/// The root of what pictures show of a Gaussian: opacity times area.
+fn shown(scene: &Scene, i: usize) -> f32 {
+    let [x, y, z] = scene.log_scales[i];
+    let log_area = x + y + z - x.min(y).min(z);
+    (libm::expf(log_area) / (1.0 + libm::expf(-scene.opacity_logits[i]))).sqrt()
+}
+
+/// The half of the Gaussians that shows most.
+fn shown_half(scene: &Scene) -> Vec<usize> {
+    let mut all: Vec<usize> = (0..scene.len()).collect();
+    all.sort_by(|&i, &k| shown(scene, k).total_cmp(&shown(scene, i)));
+    all.truncate(scene.len() / 2);
+    all
+}
+
+/// Root of the mean squared error of SH coefficients, weighted by [`shown`].
+fn shown_sh_error(a: &Scene, b: &Scene) -> f32 {
+    let (mut sum, mut weights) = (0.0, 0.0);
+    for i in 0..a.len() {
+        let numbers = a.sh_of(i).as_flattened().iter().zip(b.sh_of(i).as_flattened());
+        sum += shown(a, i) * numbers.map(|(x, y)| (x - y) * (x - y)).sum::<f32>();
+        weights += shown(a, i) * (3 * a.sh_len()) as f32;
+    }
+    (sum / weights).sqrt()
 }
 
 #[test]
@@ -201,7 +227,7 @@ fn a_chunk_keeps_its_order_and_is_smaller() {
     assert!(size(&coarser) < size(&files));
     assert!(size(&files) * 2 < size(&sog::files("a", &scene).unwrap()));
     let (back, _) = read("a.sog", &zipped(&files)).unwrap();
-    assert_within("chunk", &scene, &back, [2e-3, 4e-3, 0.061, 0.02, 0.0072, 0.55]);
+    assert_within("chunk", &scene, &back, [2e-3, 4e-3, 0.061, 0.02, 0.0072, 0.5]);
     for degree in 0..=3 {
         let mut one = scene.select(&[7]);
         one.cut_sh(degree);

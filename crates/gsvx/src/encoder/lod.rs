@@ -1,7 +1,7 @@
 //! Levels of detail: coarser scenes that a viewer shows first or from afar.
 //!
 //! A Gaussian of a coarse level stands for all leaves of a cell of the octree. It matches the moments of
-//! their Gaussians, weighted by importance. All cells of a level hold about the same number of leaves.
+//! their Gaussians, weighted by importance, and then grows a little ([`super::source`]). All cells of a level hold about the same number of leaves.
 //! Levels get coarser until one fits a chunk. Chunks nest: where a coarse chunk begins, a chunk of the
 //! next finer level begins too, so that a viewer can replace a coarse chunk by finer ones.
 //!
